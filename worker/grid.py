@@ -1,0 +1,88 @@
+"""How an image is cut into tiles.
+
+Job: tile index <-> rectangle and blocks, pure integers.
+Invariant: tiles lie on the absolute image grid (multiples of the tile size from the image's top left), and are clipped
+to the rendered rectangle; blocks of 16 px lie on the same absolute grid, so a tile is a set of whole blocks and the
+bytes of the picture do not depend on the tile size.
+Source: architecture.md, "Blocks, not tiles, decide".
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from worker.contract import BLOCK_PX
+
+
+class Rect(NamedTuple):
+    """Rectangle of pixels; x, y from the image's top left."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+class TileGrid(NamedTuple):
+    """The tiles of one job, numbered row by row from the top left.
+
+    Attributes
+    ----------
+    x, y, width, height
+        Rectangle that is rendered, px of the whole image.
+    tile_size
+        Edge of a tile, px, a multiple of 16.
+    """
+
+    x: int
+    y: int
+    width: int
+    height: int
+    tile_size: int
+
+    @property
+    def first_column(self) -> int:
+        """Column of the absolute tile grid where the rectangle begins."""
+        return self.x // self.tile_size
+
+    @property
+    def first_row(self) -> int:
+        """Row of the absolute tile grid where the rectangle begins."""
+        return self.y // self.tile_size
+
+    @property
+    def columns(self) -> int:
+        """Number of tiles side by side."""
+        return (self.x + self.width - 1) // self.tile_size - self.first_column + 1
+
+    @property
+    def rows(self) -> int:
+        """Number of tiles on top of each other."""
+        return (self.y + self.height - 1) // self.tile_size - self.first_row + 1
+
+    @property
+    def n_tiles(self) -> int:
+        """Number of tiles."""
+        return self.columns * self.rows
+
+    def tile_rect(self, index: int) -> Rect:
+        """Return the pixels of tile `index`, clipped to the rendered rectangle, absolute."""
+        if not 0 <= index < self.n_tiles:
+            raise IndexError(index)
+        row, column = divmod(index, self.columns)
+        left = max(self.x, (self.first_column + column) * self.tile_size)
+        top = max(self.y, (self.first_row + row) * self.tile_size)
+        right = min(self.x + self.width, (self.first_column + column + 1) * self.tile_size)
+        bottom = min(self.y + self.height, (self.first_row + row + 1) * self.tile_size)
+        return Rect(left, top, right - left, bottom - top)
+
+    def tile_blocks(self, index: int) -> list[tuple[int, int]]:
+        """Return the (bx, by) of the 16 px blocks that tile `index` touches, row by row."""
+        rect = self.tile_rect(index)
+        columns = range(rect.x // BLOCK_PX, (rect.x + rect.width - 1) // BLOCK_PX + 1)
+        rows = range(rect.y // BLOCK_PX, (rect.y + rect.height - 1) // BLOCK_PX + 1)
+        return [(bx, by) for by in rows for bx in columns]
+
+
+def grid_of(fields: Mapping[str, Any]) -> TileGrid:
+    """Return the grid from the members x, y, width, height, tile_size of a plan."""
+    return TileGrid(*(int(fields[name]) for name in TileGrid._fields))

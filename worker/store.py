@@ -1,0 +1,461 @@
+"""The store: plain files, the truth about every job.
+
+Job: keep jobs, events, tiles, results and assets so that nothing acknowledged is lost and nothing is written twice.
+Invariant: every path is made from a checked id, hash or one of our own names; records, events, plans and tiles are
+create-if-absent; an event's number is taken by exactly one writer.
+Source: service.md, "Store" and "Leases, index and files, as measured".
+
+::
+
+    assets/<sha256>                    content-addressed, checked on arrival
+    jobs/<id>/job.json, scene.json     what was accepted, fsynced before 202
+    jobs/<id>/events/<000001>.json     each transition, command and failure; the last carries the state
+    jobs/<id>/plan.json                tile grid and what made the compiled scene; written once
+    jobs/<id>/tiles/<pass>-<tile>      film tile, write-once; deleted after the result is committed
+    jobs/<id>/result.exr|.png, report.json, preview.png
+    idempotency/<owner>/<key-hash>     request hash and job id, durable before 202
+    steward/terminal.json              checkpoint of jobs that have ended: a restart need not open them
+    tmp/                               files on their way; swept by the steward
+"""
+# ruff: noqa: PTH - os calls where they are measurably cheaper (listing 10,000 jobs) or have no Path spelling
+
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from worker import files
+from worker.contract import RESULT_NAMES
+from worker.errors import (
+    AssetNotFoundError,
+    AssetTooLargeError,
+    BadNameError,
+    ConflictError,
+    DamagedRecordError,
+    HashMismatchError,
+    IllegalTransitionError,
+    JobNotFoundError,
+)
+from worker.records import JobEvent, JobRecord, check_job_id, check_owner, check_sha256, now
+from worker.states import TERMINAL, JobState, allowed_from, can_transition
+
+# Terminal events are kept in memory (a few hundred bytes each): 10,000 jobs are listed without opening them again.
+_REMEMBERED = 20_000
+
+
+class Store:
+    """Plain files under one folder; safe to use from many processes and threads at once.
+
+    Parameters
+    ----------
+    root
+        Folder, created if absent (mode 0700).
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(os.path.abspath(root))
+        self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._assets, self._jobs, self._idempotency, self.temporary = (
+            self.root / name for name in ("assets", "jobs", "idempotency", "tmp")
+        )
+        for folder in (self._assets, self._jobs, self._idempotency, self.temporary):
+            folder.mkdir(exist_ok=True)
+        self._terminal: dict[str, JobEvent] = {}
+
+    # ---- assets ---------------------------------------------------------------------------------------------------
+
+    def has_asset(self, sha256: str) -> bool:
+        """Whether an asset of this hash is here."""
+        return (self._assets / check_sha256(sha256)).is_file()
+
+    def asset_path(self, sha256: str) -> Path:
+        """Return the file of an asset; `AssetNotFoundError` where there is none."""
+        path = self._assets / check_sha256(sha256)
+        if not path.is_file():
+            raise AssetNotFoundError(f"no asset {sha256}")
+        return path
+
+    def put_asset(self, sha256: str, chunks: Iterable[bytes], max_bytes: int) -> bool:
+        """Take in an asset as it arrives.
+
+        Parameters
+        ----------
+        sha256
+            Hash that the bytes must have.
+        chunks
+            The bytes, in pieces; memory stays flat.
+        max_bytes
+            Most bytes to accept.
+
+        Returns
+        -------
+        bool
+            True if it is new; False if it was here (its bytes are then read no further).
+
+        Raises
+        ------
+        HashMismatchError, AssetTooLargeError, StoreFullError, BadNameError
+        """
+        target = self._assets / check_sha256(sha256)
+        if target.is_file():
+            return False
+        path = self.temporary / f".asset-{secrets.token_hex(8)}"
+        digest = hashlib.sha256()
+        size = 0
+        try:
+            with files.full_is_clear(), path.open("xb") as file:
+                for chunk in chunks:
+                    size += len(chunk)
+                    if size > max_bytes:
+                        raise AssetTooLargeError(f"larger than {max_bytes} bytes")
+                    digest.update(chunk)
+                    file.write(chunk)
+                if digest.hexdigest() != sha256:
+                    raise HashMismatchError(f"the bytes have sha256 {digest.hexdigest()}, not {sha256}")
+                file.flush()
+                os.fsync(file.fileno())
+            with files.full_is_clear():
+                created = files.move_if_absent(path, target)
+                files.fsync_folder(self._assets)
+        finally:
+            path.unlink(missing_ok=True)
+        return created
+
+    # ---- jobs -----------------------------------------------------------------------------------------------------
+
+    def job_dir(self, job_id: str) -> Path:
+        """Return the folder of a job, existing or not; `BadNameError` if the id is none."""
+        return self._jobs / check_job_id(job_id)
+
+    def has_job(self, job_id: str) -> bool:
+        """Whether there is such a job."""
+        return self.job_dir(job_id).is_dir()
+
+    def create_job(self, record: JobRecord, scene_json: bytes, *, by: str = "api") -> bool:
+        """Write a job with its first event, complete and durable, or not at all.
+
+        Parameters
+        ----------
+        record
+            What was accepted.
+        scene_json
+            Canonical JSON of the scene.
+        by
+            Who created it.
+
+        Returns
+        -------
+        bool
+            False if that id exists already (nothing is changed then).
+        """
+        target = self.job_dir(record.id)
+        if target.is_dir():
+            return False
+        event = JobEvent(1, record.created_at, "created", JobState.QUEUED, None, by, None)
+        folder = self.temporary / f"job-{record.id}-{secrets.token_hex(4)}"
+        try:
+            with files.full_is_clear():
+                (folder / "events").mkdir(parents=True)
+                (folder / "tiles").mkdir()
+                for name, data in (
+                    ("job.json", record.to_json()),
+                    ("scene.json", scene_json),
+                    ("events/000001.json", event.to_json()),
+                ):
+                    with (folder / name).open("xb") as file:
+                        file.write(data)
+                        file.flush()
+                        os.fsync(file.fileno())
+                files.fsync_folder(folder / "events")
+                files.fsync_folder(folder)
+            return files.publish_folder(folder, target)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def read_job(self, job_id: str) -> JobRecord:
+        """Return what was accepted (without the scene); `JobNotFoundError` where there is none."""
+        return JobRecord.from_json(self._read(job_id, "job.json"))
+
+    def read_scene(self, job_id: str) -> bytes:
+        """Return the canonical JSON of the job's scene."""
+        return self._read(job_id, "scene.json")
+
+    def job_ids(self, *, before: str | None = None) -> Iterator[str]:
+        """Yield the ids of all jobs, newest first; only those older than `before` if given (a page's cursor)."""
+        for name in sorted(os.listdir(self._jobs), reverse=True):
+            if before is None or name < before:
+                with suppress(BadNameError):
+                    yield check_job_id(name)
+
+    def delete_job(self, job_id: str) -> None:
+        """Remove a job with all its files and its idempotency record; `JobNotFoundError` where there is none.
+
+        The name vanishes in one step; a crash afterwards leaves only a folder in ``tmp``.
+        """
+        record: JobRecord | None = None
+        with suppress(DamagedRecordError):
+            record = self.read_job(job_id)
+        grave = self.temporary / f"deleted-{job_id}-{secrets.token_hex(4)}"
+        try:
+            self.job_dir(job_id).rename(grave)
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
+        self._terminal.pop(job_id, None)
+        if record is not None and record.idempotency_key_sha256 is not None:
+            path = self._idempotency / check_owner(record.owner) / check_sha256(record.idempotency_key_sha256)
+            path.unlink(missing_ok=True)
+        files.fsync_folder(self._jobs)
+        shutil.rmtree(grave, ignore_errors=True)
+
+    # ---- events ---------------------------------------------------------------------------------------------------
+
+    def last_event(self, job_id: str) -> JobEvent:
+        """Return the newest event: its `state` is the job's state.
+
+        Raises
+        ------
+        JobNotFoundError
+        """
+        remembered = self._terminal.get(job_id)
+        folder = self.job_dir(job_id) / "events"
+        if remembered is not None and folder.is_dir():
+            return remembered
+        try:
+            event = self._read_event(job_id, max(self._event_names(job_id)))
+        except ValueError:
+            raise DamagedRecordError(f"job {job_id} has no events") from None
+        if event.state in TERMINAL:
+            if len(self._terminal) >= _REMEMBERED:
+                self._terminal.clear()
+            self._terminal[job_id] = event
+        return event
+
+    def events(self, job_id: str, after: int = 0) -> list[JobEvent]:
+        """Return the events with a number above `after`, in order."""
+        names = sorted(name for name in self._event_names(job_id) if int(name[:6]) > after)
+        return [self._read_event(job_id, name) for name in names]
+
+    def append_event(
+        self,
+        job_id: str,
+        type_: str,
+        state: JobState,
+        expected: JobEvent,
+        *,
+        by: str,
+        detail: Mapping[str, Any] | None = None,
+    ) -> JobEvent:
+        """Append one event after `expected`, durable.
+
+        Raises
+        ------
+        ConflictError
+            Another event followed `expected` meanwhile.
+        """
+        event = JobEvent(expected.seq + 1, now(), type_, state, expected.state, by, detail)
+        path = self.job_dir(job_id) / "events" / f"{event.seq:06d}.json"
+        try:
+            created = files.create(path, event.to_json(), self.temporary)
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
+        if not created:
+            raise ConflictError(f"event {event.seq} of job {job_id} exists already")
+        return event
+
+    def transition(self, job_id: str, to: JobState, *, by: str, detail: Mapping[str, Any] | None = None) -> JobEvent:
+        """Bring a job into state `to`, once.
+
+        Raises
+        ------
+        IllegalTransitionError
+            Its state does not allow that (being in `to` already included); carries `current` and `allowed`.
+        JobNotFoundError
+        """
+        while True:
+            last = self.last_event(job_id)
+            if not can_transition(last.state, to):
+                raise IllegalTransitionError(last.state, to, allowed_from(last.state))
+            with suppress(ConflictError):
+                return self.append_event(job_id, "state", to, last, by=by, detail=detail)
+
+    def note(self, job_id: str, type_: str, *, by: str, detail: Mapping[str, Any]) -> JobEvent | None:
+        """Append an event that leaves the state as it is; None if the job has ended (nothing follows the end)."""
+        while True:
+            last = self.last_event(job_id)
+            if last.state in TERMINAL:
+                return None
+            with suppress(ConflictError):
+                return self.append_event(job_id, type_, last.state, last, by=by, detail=detail)
+
+    # ---- plan, tiles, results -------------------------------------------------------------------------------------
+
+    def write_plan(self, job_id: str, plan: Mapping[str, Any]) -> bool:
+        """Write the plan once; False if there is one."""
+        return self._create(job_id, "plan.json", json.dumps(plan, indent=1).encode())
+
+    def read_plan(self, job_id: str) -> dict[str, Any] | None:
+        """Return the plan, or None before there is one."""
+        try:
+            plan: dict[str, Any] = json.loads(self._read(job_id, "plan.json"))
+        except FileNotFoundError:
+            return None
+        except ValueError as error:
+            raise DamagedRecordError(f"plan.json: {error}") from error
+        return plan
+
+    def tile_path(self, job_id: str, tile: int, pass_index: int = 0) -> Path:
+        """Return the file of a tile, existing or not."""
+        return self.job_dir(job_id) / "tiles" / f"{int(pass_index)}-{int(tile)}"
+
+    def write_tile(self, job_id: str, tile: int, data: bytes, pass_index: int = 0) -> bool:
+        """Write a film tile if it is not there; True if this call did.
+
+        Not fsynced: a tile lost in a power failure is rendered again, and a damaged one is found by its checksum.
+        """
+        path = self.tile_path(job_id, tile, pass_index)
+        try:
+            return files.create(path, data, self.temporary, durable=False)
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
+
+    def read_tile(self, job_id: str, tile: int, pass_index: int = 0) -> bytes:
+        """Return a film tile's bytes; FileNotFoundError where there is none."""
+        return self.tile_path(job_id, tile, pass_index).read_bytes()
+
+    def done_tiles(self, job_id: str, pass_index: int = 0) -> list[int]:
+        """Return the indices of the tiles that are written, ascending."""
+        prefix = f"{int(pass_index)}-"
+        try:
+            names = os.listdir(self.job_dir(job_id) / "tiles")
+        except FileNotFoundError:
+            return []
+        return sorted(int(name[len(prefix) :]) for name in names if name.startswith(prefix))
+
+    def delete_tiles(self, job_id: str) -> None:
+        """Remove the tiles of a job that has ended."""
+        with suppress(FileNotFoundError):
+            shutil.rmtree(self.job_dir(job_id) / "tiles")
+
+    def result_path(self, job_id: str, name: str) -> Path:
+        """Return the file of a result, existing or not; `BadNameError` for any name but the four."""
+        if name not in RESULT_NAMES:
+            raise BadNameError(f"no result {name!r}")
+        return self.job_dir(job_id) / name
+
+    def has_result(self, job_id: str, name: str) -> bool:
+        """Whether this result is there."""
+        return self.result_path(job_id, name).is_file()
+
+    def commit_result(self, job_id: str, parts: Mapping[str, Path]) -> None:
+        """Move finished files of results into place, all of them durable; existing ones are replaced by equal bytes.
+
+        Parameters
+        ----------
+        job_id
+            Whose.
+        parts
+            Name of the result -> finished file on the same filesystem.
+        """
+        with files.full_is_clear():
+            for name, path in parts.items():
+                descriptor = os.open(path, os.O_RDONLY)
+                try:
+                    os.fsync(descriptor)
+                finally:
+                    os.close(descriptor)
+                path.replace(self.result_path(job_id, name))
+            files.fsync_folder(self.job_dir(job_id))
+
+    # ---- idempotency ----------------------------------------------------------------------------------------------
+
+    def put_idempotency(self, owner: str, key: str, request_sha256: str, job_id: str) -> tuple[str, str]:
+        """Bind a key to a request, durable; the first one wins.
+
+        Returns
+        -------
+        request_sha256, job_id
+            Of whoever was first.
+        """
+        folder = self._idempotency / check_owner(owner)
+        if not folder.is_dir():
+            folder.mkdir(exist_ok=True)
+            files.fsync_folder(self._idempotency)
+        path = folder / hash_key(key)
+        body = json.dumps({"request_sha256": request_sha256, "job_id": check_job_id(job_id), "at": now()}).encode()
+        if files.create(path, body, self.temporary):
+            return request_sha256, job_id
+        try:
+            first = json.loads(path.read_bytes())
+            return str(first["request_sha256"]), check_job_id(first["job_id"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise DamagedRecordError(f"idempotency record: {error}") from error
+
+    # ---- housekeeping (the steward's) -----------------------------------------------------------------------------
+
+    def sweep(self, older_than_s: float, idempotency_s: float = 86_400.0) -> int:
+        """Remove what crashes left in ``tmp`` and idempotency records past their day; return how many."""
+        removed = 0
+        limits = [(self.temporary, older_than_s)]
+        limits += [(folder, idempotency_s) for folder in self._idempotency.iterdir()]
+        for folder, limit in limits:
+            for entry in os.scandir(folder):
+                with suppress(FileNotFoundError):
+                    if time.time() - entry.stat(follow_symlinks=False).st_mtime < limit:
+                        continue
+                    if entry.is_dir(follow_symlinks=False):
+                        shutil.rmtree(entry.path, ignore_errors=True)
+                    else:
+                        os.unlink(entry.path)
+                    removed += 1
+        return removed
+
+    def read_checkpoint(self) -> set[str]:
+        """Return the ids of jobs known to have ended, as last written; an empty set where there is none."""
+        try:
+            return set(json.loads((self.root / "steward" / "terminal.json").read_bytes()))
+        except (FileNotFoundError, ValueError):
+            return set()
+
+    def write_checkpoint(self, ended: Iterable[str]) -> None:
+        """Write the ids of jobs known to have ended."""
+        (self.root / "steward").mkdir(exist_ok=True)
+        path = self.root / "steward" / "terminal.json"
+        files.replace(path, json.dumps(sorted(ended)).encode(), self.temporary, durable=False)
+
+    # ---- inside ---------------------------------------------------------------------------------------------------
+
+    def _event_names(self, job_id: str) -> list[str]:
+        try:
+            return os.listdir(self.job_dir(job_id) / "events")
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
+
+    def _read_event(self, job_id: str, name: str) -> JobEvent:
+        return JobEvent.from_json(self._read(job_id, f"events/{name}"))
+
+    def _read(self, job_id: str, name: str) -> bytes:
+        folder = self.job_dir(job_id)
+        try:
+            with open(folder / name, "rb") as file:
+                return file.read()
+        except FileNotFoundError:
+            if not folder.is_dir():
+                raise JobNotFoundError(f"no job {job_id}") from None
+            raise
+
+    def _create(self, job_id: str, name: str, data: bytes) -> bool:
+        try:
+            return files.create(self.job_dir(job_id) / name, data, self.temporary)
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
+
+
+def hash_key(key: str) -> str:
+    """Return the file name of an idempotency key: its sha256."""
+    return hashlib.sha256(key.encode()).hexdigest()
