@@ -1,0 +1,386 @@
+"""The queue: hints in RQ and the index of leases and done tiles, in Redis.
+
+Job: everything that is said to Redis; all of it can be rebuilt from the store.
+Invariant: enqueued by name, with ids only; no blocking read shares a connection with commands; a method raises
+`QueueUnavailableError` when the server does not answer, so that callers need not know Redis.
+Source: service.md, "RQ 3.0, as measured" and "Leases, index and files, as measured".
+"""
+
+import json
+import secrets
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import redis
+import redis.asyncio
+from redis.backoff import NoBackoff
+from redis.exceptions import OutOfMemoryError, RedisError, ResponseError
+from redis.retry import Retry
+from rq import Queue as RqQueue
+from rq.serializers import JSONSerializer
+
+from worker import contract, scripts
+from worker.errors import JobNotFoundError, QueueFullError, QueueUnavailableError, StaleIndexError
+from worker.records import JobEvent
+
+# A command that takes longer than this on a healthy farm does not exist (the slowest, FLUSHALL apart, takes 10 ms).
+COMMAND_TIMEOUT_S = 5.0
+
+
+class Lease(NamedTuple):
+    """Answer of `Queue.lease_next`: `tile` is None when none is to be had; `done` of `n_tiles` are done."""
+
+    tile: int | None
+    done: int
+    n_tiles: int
+
+
+class IndexProgress(NamedTuple):
+    """What the index knows of a job: tiles done and in all, rays and kernel seconds since the index was last built."""
+
+    done: int
+    n_tiles: int
+    rays: int
+    kernel_s: float
+    stopped: bool
+
+
+class Sweep(NamedTuple):
+    """Answer of `Queue.expire`: the index's epoch ('' if none), the server's run id, and (worker, job, tile) expired.
+
+    `tile` is None for a preparation.
+    """
+
+    epoch: str
+    server: str
+    expired: list[tuple[str, str, int | None]]
+
+
+class WorkerInfo(NamedTuple):
+    """One worker of the registry; it lives if it was heard of less than 5 s ago (judged when read)."""
+
+    name: str
+    host: str
+    pid: int
+    state: str
+    job: str | None
+    tile: int | None
+    started_at: float
+    seen_s: float
+
+    @property
+    def alive(self) -> bool:
+        """Whether it was heard of lately."""
+        return self.seen_s < 5.0
+
+
+def unix_url(path: Path) -> str:
+    """Return the URL of a server's unix socket."""
+    return f"unix://{quote(str(path))}"
+
+
+@contextmanager
+def clear_errors() -> Iterator[None]:
+    """Turn redis-py's errors into ours."""
+    try:
+        yield
+    except OutOfMemoryError as error:
+        raise QueueFullError from error
+    except (redis.ConnectionError, redis.TimeoutError) as error:  # BusyLoadingError is a ConnectionError
+        raise QueueUnavailableError(f"the queue's server does not answer: {error}") from error
+
+
+def connect(url: str, *, timeout_s: float | None = COMMAND_TIMEOUT_S) -> "redis.Redis":
+    """Return a client whose commands answer within `timeout_s`; None for blocking reads, which need their own.
+
+    One silent retry, no more: NEXT is safe to repeat, and an outage is to be seen, not slept through.
+    """
+    return redis.Redis.from_url(
+        url,
+        socket_timeout=timeout_s,
+        socket_connect_timeout=2.0,
+        retry=Retry(NoBackoff(), 1),
+        health_check_interval=0,
+    )
+
+
+class Queue:
+    """The farm's side of Redis; safe to share between threads.
+
+    Parameters
+    ----------
+    url
+        redis://, rediss:// or unix:// URL.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.redis = connect(url)
+        self._rq = {name: RqQueue(name, connection=self.redis, serializer=JSONSerializer) for name in contract.QUEUES}
+        self._script = {
+            name: self.redis.register_script(getattr(scripts, name))
+            for name in (
+                "NEXT PREPARE RELEASE RENEW EXPIRE INIT REDO STOP FORGET CLAIM UNCLAIM".split()  # noqa: SIM905 - reads better
+            )
+        }
+
+    def close(self) -> None:
+        """Close the connections."""
+        self.redis.close()
+
+    def ping(self) -> bool:
+        """Whether the server answers."""
+        try:
+            return bool(self.redis.ping())
+        except RedisError:
+            return False
+
+    # ---- hints ----------------------------------------------------------------------------------------------------
+
+    def enqueue_prepare(self, job_id: str, priority: int = 50) -> None:
+        """Hint that a job waits to be prepared."""
+        self._enqueue(contract.TASK_PREPARE, job_id, priority, 1)
+
+    def enqueue_runs(self, job_id: str, priority: int = 50, count: int = 1) -> None:
+        """Hint that tiles of a job wait: `count` workers may help."""
+        self._enqueue(contract.TASK_RENDER_RUN, job_id, priority, count)
+
+    def queue_lengths(self) -> dict[str, int]:
+        """Return the number of waiting hints of each queue."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            for name in contract.QUEUES:
+                pipeline.llen(f"rq:queue:{name}")
+            return dict(zip(contract.QUEUES, pipeline.execute(), strict=True))
+
+    def _enqueue(self, task: str, job_id: str, priority: int, count: int) -> None:
+        queue = self._rq[contract.queue_for(priority)]
+        with clear_errors():
+            for _ in range(count):
+                queue.enqueue_call(
+                    task,
+                    args=(job_id,),
+                    timeout=contract.JOB_TIMEOUT_S,
+                    result_ttl=contract.RESULT_TTL_S,
+                    failure_ttl=contract.FAILURE_TTL_S,
+                    description=task,
+                )
+
+    # ---- leases ---------------------------------------------------------------------------------------------------
+
+    def epoch(self) -> str | None:
+        """Return the index's epoch; None while it is wiped or being rebuilt."""
+        with clear_errors():
+            value = self.redis.get(contract.KEY_EPOCH)
+        return value.decode() if value is not None else None  # type: ignore[union-attr]
+
+    def lease_next(
+        self,
+        epoch: str,
+        job_id: str,
+        worker: str,
+        *,
+        finished: int | None = None,
+        rays: int = 0,
+        kernel_s: float = 0.0,
+        ttl_ms: int = contract.LEASE_TTL_MS,
+    ) -> Lease:
+        """Commit the finished tile, if any, and lease the next one, in one step.
+
+        Raises
+        ------
+        StaleIndexError
+            The index was wiped or rebuilt: nothing happened; ask for the epoch and call again.
+        JobNotFoundError
+            The index does not know the job (it has ended, or is not prepared).
+        QueueUnavailableError
+        """
+        tile = -1 if finished is None else finished
+        answer = self._run("NEXT", epoch, job_id, worker, ttl_ms, tile, rays, round(kernel_s * 1e6))
+        if answer[0] == -3:
+            raise StaleIndexError
+        if answer[0] == -2:
+            raise JobNotFoundError(f"job {job_id} is not in the index")
+        return Lease(None if answer[0] < 0 else int(answer[0]), int(answer[1]), int(answer[2]))
+
+    def lease_preparation(self, epoch: str, job_id: str, worker: str, *, ttl_ms: int = contract.LEASE_TTL_MS) -> bool:
+        """Take on the preparation of a job; False while another live worker has it. `StaleIndexError` as above."""
+        answer = int(self._run("PREPARE", epoch, job_id, worker, ttl_ms))
+        if answer == -3:
+            raise StaleIndexError
+        return answer == 1
+
+    def release(self, worker: str) -> tuple[str, int | None] | None:
+        """End a worker's lease and give its tile back; return (job, tile) or None if it had none."""
+        lease = self._run("RELEASE", worker)
+        return _split_lease(lease.decode()) if lease else None
+
+    def renew(self, workers: Iterable[str], *, ttl_ms: int = contract.LEASE_TTL_MS) -> set[str]:
+        """Renew the leases of workers; return those that have none (any more)."""
+        return {name.decode() for name in self._run("RENEW", ttl_ms, *workers)}
+
+    def expire(self, limit: int = 1000) -> Sweep:
+        """End overdue leases and give their tiles back."""
+        answer = [part.decode() for part in self._run("EXPIRE", limit)]
+        expired = []
+        for line in answer[2:]:
+            worker, lease = line.split(" ", 1)
+            expired.append((worker, *_split_lease(lease)))
+        return Sweep(answer[0], answer[1], expired)
+
+    def leases(self) -> dict[str, tuple[str, int | None]]:
+        """Return worker -> (job, tile) of all leases; tile None is a preparation."""
+        with clear_errors():
+            raw = self.redis.hgetall(contract.KEY_LEASES)
+        return {name.decode(): _split_lease(lease.decode()) for name, lease in raw.items()}  # type: ignore[union-attr]
+
+    def count_fault(self, job_id: str, tile: int | None, kind: str) -> int:
+        """Count one more "error" or "loss" of a tile (None: the preparation) and return how many there were."""
+        field = f"{kind[0]}{'p' if tile is None else tile}"
+        with clear_errors():
+            pipeline = self.redis.pipeline()
+            pipeline.hincrby(contract.KEY_FAULTS + job_id, field, 1)
+            # A job that never gets into the index (its preparation kills workers) must not leave this behind.
+            pipeline.expire(contract.KEY_FAULTS + job_id, 7 * 86_400)
+            return int(pipeline.execute()[0])
+
+    # ---- the index ------------------------------------------------------------------------------------------------
+
+    def init_job(
+        self, job_id: str, n_tiles: int, columns: int, done: Iterable[int] = (), *, stopped: bool = False
+    ) -> bool:
+        """Put a job into the index, or add done tiles to it; True if it was not there."""
+        bits = bytearray((n_tiles + 7) // 8)
+        for tile in done:
+            bits[tile >> 3] |= 0x80 >> (tile & 7)
+        state = "c" if stopped else "r"
+        return bool(self._run("INIT", job_id, n_tiles, columns, state, bytes(bits)))
+
+    def redo_tile(self, job_id: str, tile: int) -> bool:
+        """Hand out again a tile whose file was damaged; False if the index does not know the job."""
+        return bool(self._run("REDO", job_id, tile))
+
+    def stop_job(self, job_id: str) -> int:
+        """Hand out no more tiles of a job and stop the kernels that render it; return its number of live leases."""
+        return int(self._run("STOP", job_id))
+
+    def forget_job(self, job_id: str) -> None:
+        """Remove a job from the index."""
+        self._run("FORGET", job_id)
+
+    def active_jobs(self) -> set[str]:
+        """Return the ids of the jobs in the index."""
+        with clear_errors():
+            return {name.decode() for name in self.redis.smembers(contract.KEY_ACTIVE)}  # type: ignore[union-attr]
+
+    def progress(self, job_id: str) -> IndexProgress | None:
+        """Return a job's progress, or None if the index does not know it."""
+        with clear_errors():
+            answer: Any = self.redis.hmget(contract.KEY_JOB + job_id, "done", "n", "rays", "kernel_us", "state")
+        if answer[1] is None:
+            return None
+        done, n_tiles, rays, kernel_us = (int(value or 0) for value in answer[:4])
+        return IndexProgress(done, n_tiles, rays, kernel_us / 1e6, answer[4] == b"c")
+
+    def set_epoch(self, server: str) -> str:
+        """Declare the index complete under a new epoch; `server` is the run id that `expire` told."""
+        epoch = f"{server[:12]}-{secrets.token_hex(4)}"
+        with clear_errors():
+            self.redis.set(contract.KEY_EPOCH, epoch)
+        return epoch
+
+    def claim(self, job_id: str, owner: str, ttl_ms: int = contract.LEASE_TTL_MS) -> bool:
+        """Take or renew the right to assemble a job; False while another has it."""
+        return bool(self._run("CLAIM", job_id, owner, ttl_ms))
+
+    def unclaim(self, job_id: str, owner: str) -> None:
+        """Give up the right to assemble a job."""
+        self._run("UNCLAIM", job_id, owner)
+
+    # ---- workers --------------------------------------------------------------------------------------------------
+
+    def report_worker(self, name: str, facts: Mapping[str, Any]) -> None:
+        """Say that a worker lives; `facts` has host, pid, state, started_at and, at work, job and tile."""
+        with clear_errors():
+            seconds, micros = self.redis.time()
+            body = json.dumps({**facts, "at": seconds + micros / 1e6})
+            self.redis.hset(contract.KEY_WORKERS, name, body)
+
+    def forget_worker(self, name: str) -> None:
+        """Remove a worker that is gone."""
+        with clear_errors():
+            self.redis.hdel(contract.KEY_WORKERS, name)
+
+    def workers(self) -> list[WorkerInfo]:
+        """Return all workers of the registry, the dead ones too (`alive` is judged here and now)."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            pipeline.time()
+            pipeline.hgetall(contract.KEY_WORKERS)
+            pipeline.hgetall(contract.KEY_LEASES)
+            (seconds, micros), raw, leases = pipeline.execute()
+        found = []
+        for name, body in raw.items():
+            facts = json.loads(body)
+            job, tile = _split_lease(leases[name].decode()) if name in leases else (None, None)
+            found.append(
+                WorkerInfo(
+                    name.decode(),
+                    str(facts.get("host", "")),
+                    int(facts.get("pid", 0)),
+                    str(facts.get("state", "")),
+                    job,
+                    tile,
+                    float(facts.get("started_at", 0.0)),
+                    max(0.0, seconds + micros / 1e6 - float(facts.get("at", 0.0))),
+                )
+            )
+        return sorted(found)
+
+    # ---- wake-ups -------------------------------------------------------------------------------------------------
+
+    def publish_event(self, job_id: str, event: JobEvent) -> None:
+        """Tell whoever waits that a job has a new event; silently nothing when the server is away (they poll, too)."""
+        with suppress(RedisError):
+            self.redis.publish(contract.CHANNEL_EVENTS, f"{job_id} {event.seq} {event.state}")
+
+    def publish_control(self, message: str) -> int:
+        """Send "cancel <job>" or "drain <worker>" to the workers' control threads; return how many heard it."""
+        with clear_errors():
+            return int(self.redis.publish(contract.CHANNEL_CONTROL, message))
+
+    # ---- inside ---------------------------------------------------------------------------------------------------
+
+    def _run(self, name: str, *arguments: Any) -> Any:
+        with clear_errors():
+            try:
+                return self._script[name](args=arguments)
+            except ResponseError as error:
+                if "OOM" in str(error):
+                    raise QueueFullError from error
+                raise
+
+
+def _split_lease(lease: str) -> tuple[str, int | None]:
+    job, tile = lease.rsplit("/", 1)
+    return job, None if tile == "p" else int(tile)
+
+
+async def watch(url: str, channel: str = contract.CHANNEL_EVENTS) -> AsyncIterator[str]:
+    """Yield the messages of a channel for ever; an empty string once subscribed and after each reconnection.
+
+    Messages are lost while the server is away: on "" look at the store. Uses a connection of its own, without read
+    timeout. Raises `QueueUnavailableError` when the connection breaks; call again after a pause.
+    """
+    client = redis.asyncio.Redis.from_url(url, socket_timeout=None, socket_connect_timeout=2.0)
+    try:
+        async with client.pubsub() as pubsub:
+            with clear_errors():
+                await pubsub.subscribe(channel)
+                async for message in pubsub.listen():
+                    yield "" if message["type"] == "subscribe" else message["data"].decode()
+    finally:
+        await client.aclose()
