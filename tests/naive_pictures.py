@@ -17,10 +17,15 @@ def render(scene, positions):
     """
     _, height, width, samples = positions.shape
     colors = trace(scene, positions[0], positions[1]).reshape(height, width, samples, 3)
-    total = np.zeros((height, width, 3))
-    for k in range(samples):  # one after another, as a program would add them
+    return average(colors)
+
+
+def average(colors):
+    """Return the picture (rows, width, 3), top row first, of samples (rows, width, samples, 3), bottom row first."""
+    total = np.zeros((*colors.shape[:2], 3))
+    for k in range(colors.shape[2]):  # one after another, as a program would add them
         total += colors[:, :, k]
-    return (total / samples)[::-1]
+    return (total / colors.shape[2])[::-1]
 
 
 def original_positions(width, height, samples):
