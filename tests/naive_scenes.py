@@ -107,6 +107,7 @@ def read_material(material, textures):
     attenuation = material.get("attenuation") or {}
     texture = material.get("diffuse_texture")
     given = {name: rgb(material[name]) for name in ("ka", "kd", "ks", "ke", "kr", "kt") if name in material}
+    given.setdefault("ka", given.get("kd", [0.8] * 3))
     given |= {name: material[name] for name in ("exponent", "eta", "two_sided") if name in material}
     if texture is not None:
         given["texture"] = Texture(

@@ -134,6 +134,8 @@ def test_perspective_and_view_plane():
     wide = read_document(document(camera={"type": "perspective", "fov_deg": 60.0, "fov_axis": "horizontal"}))
     _, d = wide.camera.rays(np.array([4.0]), np.array([1.0]), 4, 2)
     assert math.degrees(math.atan2(d[0, 0], -d[2, 0])) == pytest.approx(30)
+    _, d = wide.camera.rays(np.array([2.0]), np.array([2.0]), 4, 2)
+    assert d[1, 0] / -d[2, 0] == pytest.approx(math.tan(math.radians(30)) / 2)
     plane = {"type": "view_plane", "left": -1, "right": 3, "bottom": -2, "top": 2, "distance": 0.5}
     _, d = read_document(document(camera=plane)).camera.rays(np.array([0.0, 4.0]), np.array([0.0, 2.0]), 4, 2)
     assert d.T.tolist() == [[-1, -2, -0.5], [3, 2, -0.5]]
