@@ -4,7 +4,8 @@ Pure Python and pydantic: the API process validates with this and never loads nu
 
 Examples
 --------
->>> doc = parse_scene('{"version": 1, "camera": {"type": "perspective", "fov_deg": 40}, "image": {"width": 4, "height": 3}}')
+>>> camera = {"type": "perspective", "fov_deg": 40}
+>>> doc = parse_scene({"version": 1, "camera": camera, "image": {"width": 4, "height": 3}})
 >>> doc.sampling.samples
 16
 

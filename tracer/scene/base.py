@@ -149,7 +149,7 @@ def _range_schema(low: float, high: float) -> dict[str, object]:
 
 
 def row_validator(width: int, low: float, high: float, expected: str, item: str) -> Callable[[object], Row]:
-    """Validator of one row of floats in [low, high]."""
+    """Make a validator of one row of floats in [low, high]."""
 
     def check(value: object) -> Row:
         faults = checked_row(value, width, float, low, high, expected, item)
@@ -164,7 +164,7 @@ def row_validator(width: int, low: float, high: float, expected: str, item: str)
 def rows_validator(
     width: int, kind: type[float] | type[int], low: float, high: float, expected: str, item: str
 ) -> Callable[[object], tuple[Row, ...]]:
-    """Validator of an array of rows of numbers in [low, high]."""
+    """Make a validator of an array of rows of numbers in [low, high]."""
 
     def check(value: object) -> tuple[Row, ...]:
         return checked_rows(value, width, kind, low, high, expected, item)

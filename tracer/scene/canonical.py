@@ -1,7 +1,7 @@
 """One text for each document: the base of its hash.
 
-Invariant: equal documents have equal bytes, and parsing the bytes gives an equal document. Keys are sorted, there are no
-spaces, defaults are written out, members that are None are left out, numbers are the shortest text that reads back
+Invariant: equal documents have equal bytes, and parsing the bytes gives an equal document. Keys are sorted, there are
+no spaces, defaults are written out, members that are None are left out, numbers are the shortest text that reads back
 as the same float64 (Python's repr), and -0.0 is written as 0.0, since it equals it.
 """
 

@@ -36,7 +36,7 @@ class Fault(NamedTuple):
     expected: str
 
     def below(self, prefix: str) -> "Fault":
-        """The same fault with `prefix` put before its pointer."""
+        """Give the same fault with `prefix` put before its pointer."""
         return Fault(prefix + self.pointer, self.message, self.expected)
 
 
@@ -91,7 +91,7 @@ def is_text(value: str) -> bool:
 
 
 def shown(value: object) -> str:
-    """A short name for any value, for messages: type for containers, the value itself for scalars."""
+    """Name any value shortly, for messages: type for containers, the value itself for scalars."""
     if value is None:
         return "null"
     if isinstance(value, bool):

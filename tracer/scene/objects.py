@@ -48,7 +48,7 @@ class SceneObject(SceneModel):
 
     @model_validator(mode="after")
     def _check_product(self) -> "SceneObject":
-        """The product of the steps must stay in range; each step is invertible already."""
+        """Refuse a product that leaves the range; each step is invertible already."""
         if self.transform and len(self.transform) > 1:
             rows = transform_rows(self.transform)
             in_range = all(abs(number) <= MAX_COORDINATE for row in rows for number in row)

@@ -4,8 +4,9 @@ Invariant: works on the plain values, before and beside the models, and takes no
 are told together with all others. What has the wrong type is skipped here: the models tell it.
 """
 
+import math
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any
 
 from tracer.scene.faults import Fault, closest, one_of, pointer_of, shown
@@ -47,12 +48,12 @@ def _budget_faults(document: Plain) -> Iterator[Fault]:
     image, sampling = _table(document, "image"), _table(document, "sampling")
     crop = image.get("crop")
     size = crop if isinstance(crop, dict) else image
-    width, height, samples = size.get("width"), size.get("height"), sampling.get("samples")
-    if _is_whole(width) and _is_whole(height) and _is_whole(samples):
-        total = width * height * samples  # type: ignore[operator]
-        if min(width, height, samples) > 0 and total > MAX_TOTAL_SAMPLES:  # type: ignore[type-var]
-            message = f"makes {total} samples in the whole picture"
-            yield Fault("/sampling/samples", message, f"at most {MAX_TOTAL_SAMPLES} pixels times samples")
+    width, height, samples = size.get("width"), size.get("height"), sampling.get("samples", 16)
+    factors = [value for value in (width, height, samples) if isinstance(value, int) and value > 0]
+    total = math.prod(factors)
+    if len(factors) == 3 and total > MAX_TOTAL_SAMPLES:
+        message = f"makes {total} samples in the whole picture"
+        yield Fault("/sampling/samples", message, f"at most {MAX_TOTAL_SAMPLES} pixels times samples")
 
 
 def _material_faults(document: Plain, materials: Plain, assets: Plain) -> Iterator[Fault]:
@@ -155,7 +156,7 @@ def _group_faults(mesh: Plain, n_faces: int) -> Iterator[Fault]:
         elif first < end:
             ranges.append((first, end, name))
     ranges.sort()
-    for (_, end, name), (first, _, other) in zip(ranges, ranges[1:], strict=False):
+    for (_, end, name), (first, _, other) in pairwise(ranges):
         if first < end:
             yield Fault(pointer_of("groups", other), f'overlaps the group "{name}"', "ranges that do not overlap")
     if isinstance(mesh.get("groups", {}), dict | None):
@@ -165,7 +166,7 @@ def _group_faults(mesh: Plain, n_faces: int) -> Iterator[Fault]:
 
 
 def _texture_faults(mesh: Plain, materials: Plain) -> Iterator[Fault]:
-    """A textured material on an inline mesh needs texture coordinates."""
+    """Tell textured materials on an inline mesh that lacks texture coordinates."""
     if mesh.get("uvs") is not None:
         return
     used = [("/material", mesh.get("material"))]

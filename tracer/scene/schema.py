@@ -18,7 +18,7 @@ SCHEMA_ID = "urn:smalti:scene:1"
 
 @functools.cache
 def _schema() -> Schema:
-    """The schema, built once; not to be changed."""
+    """Build the schema, once; it is not to be changed."""
     schema = SceneDoc.model_json_schema(mode="validation")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID, **schema, "title": "Scene"}
 
@@ -36,7 +36,7 @@ def json_schema() -> Schema:
 
 
 def schema_at(document: object, tokens: Sequence[str | int]) -> Schema | None:
-    """Schema of the value at a place of a document, or None when no schema speaks of it.
+    """Find the schema of the value at a place of a document, or None when no schema speaks of it.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def _member(value: object, token: str | int) -> object:
 
 
 def _child(node: Schema, token: str | int) -> Schema | None:
-    """Schema of a member, following alternatives."""
+    """Find the schema of a member, following alternatives."""
     if "anyOf" in node:
         return next((found for option in node["anyOf"] if (found := _child(_deref(option), token))), None)
     if isinstance(token, int):
@@ -114,7 +114,7 @@ def kinds(node: Schema | None) -> list[str]:
 
 
 def described(node: Schema | None) -> str:
-    """What a value of this schema is, in a few words.
+    """Say in a few words what a value of this schema is.
 
     Examples
     --------

@@ -68,7 +68,14 @@ def load_json(data: bytes | str) -> object:
     if text.count(",") > MAX_ITEMS:
         raise _text_error(f"has more than {MAX_ITEMS} values", "fewer; put large meshes into assets")
     try:
-        return json.loads(text, object_pairs_hook=_members, parse_int=_whole_number)
+        try:
+            return json.loads(text, object_pairs_hook=_members)
+        except json.JSONDecodeError:
+            raise
+        except (
+            ValueError
+        ):  # int() refuses more than 4,300 digits; a hook costs 0.4 s for 200,000 triangles, so only then
+            return json.loads(text, object_pairs_hook=_members, parse_int=_whole_number)
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise _text_error(f"is not JSON: {error.msg} at {place}", "one JSON object") from None

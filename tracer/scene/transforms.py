@@ -29,7 +29,7 @@ _check_rows = rows_validator(4, float, -MAX_COORDINATE, MAX_COORDINATE, "a row o
 
 
 def determinant(matrix: Sequence[Sequence[float]]) -> tuple[float, float]:
-    """Determinant of the linear part, and a bound of its rounding error, after scaling each row to size 1.
+    """Compute the determinant of the linear part, and a bound of its rounding error, after scaling each row to size 1.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def is_singular(matrix: Sequence[Sequence[float]]) -> bool:
 
 
 def _check_matrix(value: object) -> Matrix:
-    """An affine, invertible 4 x 4 matrix."""
+    """Check an affine, invertible 4 x 4 matrix."""
     if isinstance(value, list | tuple) and len(value) != 4:
         raise faults_error([Fault("", f"is {shown(value)}", _MATRIX_TEXT)])
     rows = _check_rows(value)
@@ -107,16 +107,19 @@ def _check_scale(value: object) -> Row:
     expected = "a number other than zero, or three of them [x, y, z]"
     if len(factors) != 3:
         raise faults_error([Fault("", f"has {len(factors)} items", expected)])
-    faults = []
+    faults: list[Fault] = []
+    checked: list[float] = []
     for index, factor in enumerate(factors):
         pointer = f"/{index}" if isinstance(value, list | tuple) else ""
         if isinstance(factor, bool) or not isinstance(factor, int | float):
             faults.append(Fault(pointer, f"is {shown(factor)}", expected))
         elif not MIN_LENGTH <= abs(factor) <= MAX_COORDINATE:
             faults.append(Fault(pointer, f"is {shown(factor)}", expected + ", of size 1e-30 to 1e30"))
+        else:
+            checked.append(float(factor))
     if faults:
         raise faults_error(faults if isinstance(value, list | tuple) else faults[:1])
-    return tuple(float(factor) for factor in factors)
+    return tuple(checked)
 
 
 _FACTOR_SCHEMA: dict[str, object] = {

@@ -96,7 +96,7 @@ def _unknown_member(tokens: list[str | int], document: object) -> Fault:
 
 
 def _message(kind: str, value: object, details: ErrorDetails, node: Schema | None) -> str:
-    """What was wrong, for all kinds of errors that speak of one value."""
+    """Say what was wrong, for all kinds of errors that speak of one value."""
     if kind in {"too_long", "too_short"} and isinstance(value, dict | list):
         return f"has {len(value)} items"
     if kind in {"string_too_long", "string_too_short"} and isinstance(value, str):
