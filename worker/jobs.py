@@ -145,6 +145,7 @@ def submit(
     priority: int = 50,
     idempotency_key: str | None = None,
     request_sha256: str = "",
+    scene_json: bytes | None = None,
 ) -> Submission:
     """Accept a job: on return it is on disk and will be rendered, whatever happens to this process or to the queue.
 
@@ -158,6 +159,8 @@ def submit(
         As in `JobRecord`.
     idempotency_key, request_sha256
         Key of the request and the hash of its body; the same pair again is answered with the same job.
+    scene_json
+        The document's canonical JSON, where the caller has it already; then `scene` may lack its objects.
 
     Returns
     -------
@@ -169,9 +172,10 @@ def submit(
         The key belongs to another request.
     StoreFullError
     """
-    from tracer.scene import canonical_json
+    if scene_json is None:
+        from tracer.scene import canonical_json
 
-    scene_json = canonical_json(scene)
+        scene_json = canonical_json(scene)
     job_id = new_job_id()
     if idempotency_key is not None:
         first_sha256, job_id = store.put_idempotency(owner, idempotency_key, request_sha256, job_id)
