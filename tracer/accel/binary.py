@@ -1,0 +1,274 @@
+"""Binned-SAH build of the binary tree that the wide tree is collapsed from.
+
+A primitive is a record of 8 float32, ``(lo.x, lo.y, lo.z, id, -hi.x, -hi.y, -hi.z, 0)``: the union of two boxes is one
+lane-wise minimum. A node is the same 32 bytes; its word 3 holds the first child (of an inner node) or the first
+record (of a leaf), its word 7 the number of records (0 for an inner node).
+
+Invariants: children have higher indices than their parent and stand side by side; every inner node's records are
+contiguous; the depth is at most `MAX_DEPTH` - 1, because a node whose depth plus log2(count) reaches it is split in
+the middle from there on. The tree depends on the records' order alone, never on the number of threads.
+
+Source: Wald 2007 (binning); the branch-free partition (Lomuto's, with the children's bounds fused in) is 1.3-2.4 times
+as fast as Hoare's, ``../shared/design/core.md``.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from tracer.accel.layout import MAX_DEPTH
+from tracer.jit import inline, kernel
+from tracer.simd import (
+    address_of,
+    concatenate,
+    convert,
+    extract,
+    float32x8,
+
+    int32x8,
+    lesser_finite,
+    load,
+    lower_half,
+    mask_to_bits,
+    minimum,
+    permute,
+    select,
+    splat,
+    stack_memory,
+    store,
+    upper_half,
+)
+from tracer.simd.gateway import types
+
+_float32: Final = types.float32
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+RECORD_BYTES: Final = 32
+STOP: Final = 4  # records that are not split further; the collapse decides about leaves of up to 8
+_BINS: Final = 16
+_ROW: Final = _BINS * RECORD_BYTES
+_ALL_BINS_BYTES: Final = 3 * _ROW
+_COUNTS_BYTES: Final = 3 * _BINS * 4
+_AREAS_BYTES: Final = _BINS * 4
+# depth-first with the larger child postponed: at most log2(n) entries wait
+_TASK_BYTES: Final = 64  # node, depth, centroid bounds
+_STACK_BYTES: Final = 96 * _TASK_BYTES
+_INF: Final = float("inf")
+
+
+@inline
+def _swapped(record: Any) -> Any:
+    return concatenate(upper_half(record), lower_half(record))
+
+
+@inline
+def _centroid(record: Any) -> Any:
+    """(lo + hi, -(lo + hi)): twice the centroid and its negative, so that minima bound it on both sides."""
+    return record - _swapped(record)
+
+
+@inline
+def _half_area(record: Any) -> Any:
+    """x y + y z + z x of the box's extents."""
+    extent = -(lower_half(record) + upper_half(record))
+    x = extract(extent, 0)
+    y = extract(extent, 1)
+    z = extract(extent, 2)
+    return x * (y + z) + y * z
+
+
+@inline
+def _bin_of(centroid: Any, origin: Any, scale: Any) -> Any:
+    return convert(_int32, (centroid - origin) * scale)
+
+
+@inline
+def _sah_split(bins: int, counts: int, areas: int, n_bins: int, extent: Any) -> Any:
+    """Find (axis, first bin of the right side) of least area times count; axis -1 when no plane separates anything."""
+    infinite = splat(float32x8, _INF)
+    best = np.float32(_INF)
+    best_axis = -1
+    best_bin = 0
+    for axis in range(3):
+        if not extract(extent, axis) > np.float32(0.0):
+            continue
+        row = bins + axis * _ROW
+        numbers = counts + axis * _BINS * 4
+        box = infinite
+        count = 0
+        for k in range(n_bins - 1, 0, -1):
+            box = minimum(box, load(float32x8, row + k * RECORD_BYTES))
+            count += load(_int32, numbers + k * 4)
+            store(areas + k * 4, _half_area(box) * np.float32(count) if count > 0 else np.float32(_INF))
+        box = infinite
+        count = 0
+        for k in range(n_bins - 1):
+            box = minimum(box, load(float32x8, row + k * RECORD_BYTES))
+            count += load(_int32, numbers + k * 4)
+            if count == 0:
+                continue
+            cost = _half_area(box) * np.float32(count) + load(_float32, areas + (k + 1) * 4)
+            if cost < best:
+                best = cost
+                best_axis = axis
+                best_bin = k + 1
+    return best_axis, best_bin
+
+
+@inline
+def _log2_ceil(count: int) -> int:
+    bits = 0
+    while (1 << bits) < count:
+        bits += 1
+    return bits
+
+
+@kernel
+def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
+    """Write the box and the centroids' box of records start..end into ``bounds`` (2, 8)."""
+    base = address_of(records)
+    box = splat(float32x8, _INF)
+    centroids = box
+    for i in range(start, end):
+        record = load(float32x8, base + i * RECORD_BYTES)
+        box = minimum(box, record)
+        centroids = minimum(centroids, _centroid(record))
+    store(address_of(bounds), box)
+    store(address_of(bounds) + RECORD_BYTES, centroids)
+
+
+@kernel
+def build_binary(
+    records: Any, nodes: Any, root: int, depth: int, centroids: Any, first_free: int, stop: int, pending: Any
+) -> Any:
+    """Split a node and what comes of it.
+
+    Parameters
+    ----------
+    records
+        float32 (n, 8), reordered in place.
+    nodes
+        float32 (m, 8); ``nodes[root]`` holds a box, its first record (word 3) and its count (word 7).
+    root, depth
+        The node to start at, and its depth.
+    centroids
+        float32 (8,), bounds of the root's centroids.
+    first_free
+        Index of the first free node; 2 count nodes from there are this call's.
+    stop
+        Nodes of at most so many records are left as they are.
+    pending
+        float64 (k, 8): rows (node, depth, -, -) and the centroid bounds as float32 (words 4..7) of the nodes that
+        were left, for a later call; k = 0 to forget them.
+
+    Returns
+    -------
+    tuple of int
+        (first free node, number of pending rows).
+    """
+    record_base = address_of(records)
+    node_base = address_of(nodes)
+    pending_base = address_of(pending)
+    infinite = splat(float32x8, _INF)
+    zero = splat(float32x8, 0.0)
+    bins = stack_memory(_ALL_BINS_BYTES)
+    counts = stack_memory(_COUNTS_BYTES)
+    areas = stack_memory(_AREAS_BYTES)
+    stack = stack_memory(_STACK_BYTES)
+    n_pending = 0
+    free = first_free
+    store(stack, _int64(root))
+    store(stack + 8, _int64(depth))
+    store(stack + 32, load(float32x8, address_of(centroids)))
+    top = stack + _TASK_BYTES
+    while top > stack:
+        top -= _TASK_BYTES
+        index = load(_int64, top)
+        level = load(_int64, top + 8)
+        bounds = load(float32x8, top + 32)
+        node = node_base + index * RECORD_BYTES
+        start = _int64(load(_int32, node + 12))
+        count = _int64(load(_int32, node + 28))
+        if count <= stop:
+            if n_pending < pending.shape[0] and count > STOP:
+                row = pending_base + n_pending * 64
+                store(row, _int64(index))
+                store(row + 8, _int64(level))
+                store(row + 32, bounds)
+                n_pending += 1
+            continue
+        extent = -_swapped(bounds) - bounds
+        n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
+        # just below n_bins, so that the upmost centroid falls into the last bin
+        scale = select(extent > zero, splat(float32x8, np.float32(n_bins) * np.float32(0.9999)) / extent, zero)
+        for axis in range(3):
+            for k in range(n_bins):
+                store(bins + axis * _ROW + k * RECORD_BYTES, infinite)
+                store(counts + (axis * _BINS + k) * 4, np.int32(0))
+        for i in range(start, start + count):
+            record = load(float32x8, record_base + i * RECORD_BYTES)
+            numbers = _bin_of(_centroid(record), bounds, scale)
+            for axis in range(3):
+                number = _int64(extract(numbers, axis))
+                slot = bins + axis * _ROW + number * RECORD_BYTES
+                store(slot, lesser_finite(load(float32x8, slot), record))
+                counter = counts + (axis * _BINS + number) * 4
+                store(counter, np.int32(load(_int32, counter) + np.int32(1)))
+        split_axis, split_bin = _sah_split(bins, counts, areas, n_bins, extent)
+        if level + _log2_ceil(count) >= MAX_DEPTH - 1:
+            split_axis = -1  # from here on by halves, so that the depth stays bounded
+        left, right, left_centroids, right_centroids = infinite, infinite, infinite, infinite
+        middle = start
+        if split_axis < 0:
+            middle = start + count // 2
+            for i in range(start, middle):
+                record = load(float32x8, record_base + i * RECORD_BYTES)
+                left = minimum(left, record)
+                left_centroids = minimum(left_centroids, _centroid(record))
+            for i in range(middle, start + count):
+                record = load(float32x8, record_base + i * RECORD_BYTES)
+                right = minimum(right, record)
+                right_centroids = minimum(right_centroids, _centroid(record))
+        else:
+            axis = splat(int32x8, split_axis)
+            axis_bounds = permute(bounds, axis)
+            axis_scale = permute(scale, axis)
+            first_right = splat(int32x8, split_bin)
+            for i in range(start, start + count):
+                here = record_base + i * RECORD_BYTES
+                there = record_base + middle * RECORD_BYTES
+                record = load(float32x8, here)
+                centroid = _centroid(record)
+                mask = _bin_of(permute(centroid, axis), axis_bounds, axis_scale) < first_right  # the same in all lanes
+                goes_left = mask_to_bits(mask) & 1
+                left = minimum(left, select(mask, record, infinite))
+                left_centroids = minimum(left_centroids, select(mask, centroid, infinite))
+                right = minimum(right, select(mask, infinite, record))
+                right_centroids = minimum(right_centroids, select(mask, infinite, centroid))
+                store(here, load(float32x8, there))
+                store(there, record)
+                middle += goes_left
+        child = node_base + free * RECORD_BYTES
+        store(child, left)
+        store(child + 12, np.int32(start))
+        store(child + 28, np.int32(middle - start))
+        store(child + 32, right)
+        store(child + 44, np.int32(middle))
+        store(child + 60, np.int32(start + count - middle))
+        store(node + 12, np.int32(free))
+        store(node + 28, np.int32(0))
+        # the larger side waits, so that the stack stays below log2(n) entries
+        swap = _int64(middle - start < start + count - middle)
+        store(top + swap * _TASK_BYTES, _int64(free))
+        store(top + swap * _TASK_BYTES + 8, _int64(level + 1))
+        store(top + swap * _TASK_BYTES + 32, left_centroids)
+        store(top + (1 - swap) * _TASK_BYTES, _int64(free + 1))
+        store(top + (1 - swap) * _TASK_BYTES + 8, _int64(level + 1))
+        store(top + (1 - swap) * _TASK_BYTES + 32, right_centroids)
+        top += 2 * _TASK_BYTES
+        free += 2
+    return free, n_pending
+
+
+

@@ -1,0 +1,191 @@
+"""Rays against a triangle mesh, exactly: the public door, usable without the rest of the tracer.
+
+>>> import numpy as np
+>>> vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+>>> caster = RayCaster(vertices, np.array([[0, 1, 2]]))
+>>> hits = caster.closest_hit([[0.25, 0.25, 1.0]], [[0.0, 0.0, -1.0]])
+>>> hits.t.tolist(), hits.primitive.tolist()
+([1.0], [0])
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tracer.accel.layout import HEADER_WIDE_LEAVES
+from tracer.accel.wide import WideBvh, build_wide
+from tracer.rays.single import any_single, closest_single, count_single
+
+_CHUNK: Final = 8192  # rays handed to a thread at a time
+
+
+class Hits(NamedTuple):
+    """Closest hits of n rays."""
+
+    t: NDArray[np.float64]  # (n,) ray parameter: the point is origin + t direction; inf for a miss
+    primitive: NDArray[np.int32]  # (n,) row of `faces`; -1 for a miss
+    u: NDArray[np.float64]  # (n,) weight of the face's second vertex; 0 for a miss
+    v: NDArray[np.float64]  # (n,) weight of the face's third vertex; the first has 1 - u - v
+
+
+class RayCaster:
+    """Closest hits, any hits and crossings of rays with a triangle mesh.
+
+    A closed mesh loses no ray and counts none twice, wherever the ray goes and however large or far away the mesh is:
+    whether a triangle is met is decided exactly (:mod:`tracer.rays.predicate`), and neighbours share their edges.
+    Of equally near triangles the lowest row of ``faces`` is returned. Results do not depend on the order of the rays,
+    on what else is in the batch, or on the number of threads.
+
+    Parameters
+    ----------
+    vertices
+        (nv, 3) float32 or float64. A face with a vertex that is not finite, or beyond 1e100, is never met.
+    faces
+        (nf, 3) integers, rows of ``vertices``; at most 2**28.
+    threads
+        How many threads build the tree; it is the same tree.
+
+    Raises
+    ------
+    tracer.accel.wide.BvhError
+        (a ValueError) Arrays of another shape or type, or a face that names a vertex which is not there.
+    """
+
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike, *, threads: int = 1) -> None:
+        self._use(build_wide(np.asarray(vertices), np.asarray(faces), threads=threads))
+
+    @classmethod
+    def from_bvh(cls, bvh: WideBvh) -> "RayCaster":
+        """Make a caster of a tree that is built already, such as one mapped from a file.
+
+        Parameters
+        ----------
+        bvh
+            From :func:`tracer.accel.wide.build_wide` or :func:`tracer.accel.wide.load_wide`.
+        """
+        caster = cls.__new__(cls)
+        caster._use(bvh)
+        return caster
+
+    def _use(self, bvh: WideBvh) -> None:
+        self.bvh = bvh
+        wide = bool(bvh.buffer[HEADER_WIDE_LEAVES])
+        self._rows = np.empty(0, np.float64 if wide else np.float32)
+
+    def closest_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        tmin: ArrayLike = 0.0,
+        tmax: ArrayLike = np.inf,
+        *,
+        threads: int = 1,
+    ) -> Hits:
+        """Find the nearest triangle of each ray.
+
+        Parameters
+        ----------
+        origins, directions
+            (n, 3) float32 or float64; directions of any length but 0.
+        tmin, tmax
+            Scalars or (n,): a hit has max(tmin, 0) < t < tmax, in units of the direction's length.
+        threads
+            How many to use.
+
+        Returns
+        -------
+        Hits
+            A ray with a NaN, an infinite or zero direction, an origin beyond 1e100, or tmin >= tmax misses.
+
+        Raises
+        ------
+        ValueError
+            Arrays of shapes that do not fit together.
+        """
+        rays = _checked_rays(origins, directions, tmin, tmax)
+        n = len(rays[0])
+        hits = Hits(np.empty(n), np.empty(n, np.int32), np.empty(n), np.empty(n))
+        self._run(closest_single, rays, tuple(hits), threads)
+        return hits
+
+    def any_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        tmin: ArrayLike = 0.0,
+        tmax: ArrayLike = np.inf,
+        *,
+        threads: int = 1,
+    ) -> NDArray[np.bool_]:
+        """Tell which rays meet any triangle; parameters as :meth:`closest_hit`.
+
+        Returns
+        -------
+        bool (n,)
+        """
+        rays = _checked_rays(origins, directions, tmin, tmax)
+        met = np.empty(len(rays[0]), np.bool_)
+        self._run(any_single, rays, met, threads)
+        return met
+
+    def count_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        tmin: ArrayLike = 0.0,
+        tmax: ArrayLike = np.inf,
+        *,
+        threads: int = 1,
+    ) -> NDArray[np.int32]:
+        """Count the triangles that each ray crosses; parameters as :meth:`closest_hit`.
+
+        On a closed mesh the number is odd for a ray from inside (with tmin 0, tmax infinite) and even from outside,
+        for every ray, also through vertices and along edges.
+
+        Returns
+        -------
+        int32 (n,)
+        """
+        rays = _checked_rays(origins, directions, tmin, tmax)
+        counts = np.empty(len(rays[0]), np.int32)
+        self._run(count_single, rays, counts, threads)
+        return counts
+
+    def _run(self, kernel: Any, rays: tuple[Any, ...], results: Any, threads: int) -> None:
+        """Run a kernel over all rays, in chunks on several threads; each writes its own rows."""
+        n = len(rays[0])
+        if threads <= 1 or n <= _CHUNK:
+            kernel(self._rows, self.bvh.buffer, *rays, 0, n, results)
+            return
+
+        def chunk(start: int) -> None:
+            kernel(self._rows, self.bvh.buffer, *rays, start, min(start + _CHUNK, n), results)
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(chunk, range(0, n, _CHUNK)))
+
+
+def _checked_rays(
+    origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
+    """Bring rays into the forms that the kernels take."""
+    vectors = []
+    for name, given in (("origins", origins), ("directions", directions)):
+        array = np.asarray(given)
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"{name}: shape {array.shape}, expected (n, 3)")
+        if array.dtype not in (np.float32, np.float64):
+            array = array.astype(np.float64)
+        vectors.append(np.ascontiguousarray(array))
+    n = len(vectors[0])
+    if len(vectors[1]) != n:
+        raise ValueError(f"directions: {len(vectors[1])} rows, expected {n} as in origins")
+    limits = []
+    for name, given in (("tmin", tmin), ("tmax", tmax)):
+        limit = np.atleast_1d(np.asarray(given, np.float64))
+        if limit.shape not in {(1,), (n,)}:
+            raise ValueError(f"{name}: shape {limit.shape}, expected a scalar or ({n},)")
+        limits.append(np.ascontiguousarray(limit))
+    return vectors[0], vectors[1], limits[0], limits[1]
