@@ -8,6 +8,7 @@ Source: service.md, "RQ 3.0, as measured" and "Leases, index and files, as measu
 
 import json
 import secrets
+import time
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -156,13 +157,49 @@ class Queue:
                 pipeline.llen(f"rq:queue:{name}")
             return dict(zip(contract.QUEUES, pipeline.execute(), strict=True))
 
+    def hints(self) -> set[tuple[str, str]]:
+        """Return the (task, job) of all waiting hints."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            for name in contract.QUEUES:
+                pipeline.lrange(f"rq:queue:{name}", 0, -1)
+            lists = pipeline.execute()
+        found = set()
+        for raw in (hint for hints in lists for hint in hints):
+            kind, _, rest = raw.decode().partition("-")
+            found.add((contract.TASK_PREPARE if kind == "p" else contract.TASK_RENDER_RUN, rest.partition("-")[0]))
+        return found
+
+    def sweep_hints(self) -> int:
+        """Delete records of hints that are in no queue (a worker died between taking and deleting); return how many.
+
+        Call it rarely: it looks at all hints. One that is just being enqueued is in no queue for a moment, so only
+        those that are still without a queue after a second look go.
+        """
+        with clear_errors():
+            orphans = self._orphans()
+            if orphans:
+                time.sleep(0.05)
+                orphans &= self._orphans()
+            return int(self.redis.delete(*orphans)) if orphans else 0
+
+    def _orphans(self) -> set[bytes]:
+        records: set[Any] = set(self.redis.scan_iter("rq:job:*", count=1000))
+        queued: set[Any] = set()
+        for name in contract.QUEUES:
+            hints: Any = self.redis.lrange(f"rq:queue:{name}", 0, -1)
+            queued.update(b"rq:job:" + hint for hint in hints)
+        return records - queued
+
     def _enqueue(self, task: str, job_id: str, priority: int, count: int) -> None:
         queue = self._rq[contract.queue_for(priority)]
+        letter = "p" if task == contract.TASK_PREPARE else "r"
         with clear_errors():
             for _ in range(count):
                 queue.enqueue_call(
                     task,
                     args=(job_id,),
+                    job_id=f"{letter}-{job_id}-{secrets.token_hex(4)}",
                     timeout=contract.JOB_TIMEOUT_S,
                     result_ttl=contract.RESULT_TTL_S,
                     failure_ttl=contract.FAILURE_TTL_S,
@@ -339,6 +376,11 @@ class Queue:
                 )
             )
         return sorted(found)
+
+    def count_workers(self) -> int:
+        """Return the number of workers in the registry (the dead leave it within a minute)."""
+        with clear_errors():
+            return int(self.redis.hlen(contract.KEY_WORKERS))
 
     # ---- wake-ups -------------------------------------------------------------------------------------------------
 
