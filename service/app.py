@@ -1,0 +1,90 @@
+"""The app factory: `uvicorn --factory service.app:create_app`.
+
+Job: put settings, store, queue and routes together into one ASGI app.
+Invariant: nothing heavy is imported, not even lazily: numba, numpy, trimesh and OpenImageIO belong to workers.
+"""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from fastapi import FastAPI
+
+from service.context import Context, build_context
+from service.handlers import install_handlers
+from service.logs import configure_logs, get_logger
+from service.middleware import SurroundMiddleware
+from service.openapi import DESCRIPTION, build_openapi
+from service.routes import assets, events, jobs, pages, results, service
+from service.settings import ServiceSettings
+from service.version import VERSION
+from worker.queue import Queue
+from worker.store import Store
+
+log = get_logger("service.app")
+
+ROUTERS = (jobs.router, events.router, results.router, assets.router, service.router, pages.router)
+
+
+def create_app(
+    settings: ServiceSettings | None = None, *, store: Store | None = None, queue: Queue | None = None
+) -> FastAPI:
+    """Return the app.
+
+    Parameters
+    ----------
+    settings
+        From the environment (prefix ``SMALTI_``) if not given.
+    store, queue
+        In place of the real ones, for tests.
+    """
+    settings = settings or ServiceSettings()
+    configure_logs(settings.log_level)
+    context = build_context(settings, store, queue)
+
+    @asynccontextmanager
+    async def live(_app: FastAPI) -> AsyncIterator[None]:
+        context.wakeups.start()
+        log.info("service started", version=VERSION, store=str(context.store.root))
+        yield
+        await context.wakeups.stop()
+        context.queue.close()
+        log.info("service stopped")
+
+    app = FastAPI(
+        title="Smalti",
+        version=VERSION,
+        summary="A ray-tracing render service",
+        description=DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,  # a redirect for a slash too many hides mistakes: 404 tells them
+        lifespan=live,
+        telemetry=None,
+    )
+    app.state.context = context
+    routes = []
+    for router in ROUTERS:
+        app.include_router(router)
+        routes += router.routes
+    install_handlers(app, [*app.routes, *routes])
+    app.add_middleware(SurroundMiddleware, metrics=context.metrics, allowed_hosts=settings.host_names())
+    _serve_own_openapi(app)
+    return app
+
+
+def _serve_own_openapi(app: FastAPI) -> None:
+    """Replace the app's OpenAPI document by the completed one, built at its first use (about 0.2 s)."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = build_openapi(app)
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def context_of(app: FastAPI) -> Context:
+    """Return an app's context, for tests."""
+    context: Context = app.state.context
+    return context
