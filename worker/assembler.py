@@ -8,10 +8,10 @@ Source: service.md, "The house" of architecture.md; cgru and OpenCue users' comp
 
 import secrets
 import shutil
+import socket
 import threading
 import time
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,7 +67,7 @@ class Assembly:
         self._samples = int(plan["samples"])
         self._totals = TileTotals()
         self._next = 0
-        self._folder = store.temporary / f"assembly-{job_id}-{secrets.token_hex(4)}"
+        self._folder = store.temporary / f"{_folder_prefix()}{job_id}-{secrets.token_hex(4)}"
         self._folder.mkdir()
         color_space = self.record.output["png_color_space"]
         self._color_space = color_space
@@ -307,8 +307,11 @@ class Assembler:
                 self._stopped.wait(0.25)
 
 
-def sweep_assemblies(store: Store, keep: set[Path] | None = None) -> None:
-    """Remove working folders that a killed assembler left; call it before `Assembler.run`, alone on this store."""
-    for folder in store.temporary.glob("assembly-*"):
-        if folder not in (keep or set()):
-            shutil.rmtree(folder, ignore_errors=True)
+def _folder_prefix() -> str:
+    return f"assembly-{socket.gethostname()}-"
+
+
+def sweep_assemblies(store: Store) -> None:
+    """Remove working folders that a killed assembler of this host left; call it before `Assembler.run`."""
+    for folder in store.temporary.glob(f"{_folder_prefix()}*"):
+        shutil.rmtree(folder, ignore_errors=True)

@@ -322,6 +322,15 @@ class Queue:
         done, n_tiles, rays, kernel_us = (int(value or 0) for value in answer[:4])
         return IndexProgress(done, n_tiles, rays, kernel_us / 1e6, answer[4] == b"c")
 
+    def has_free_tiles(self, job_id: str) -> bool:
+        """Whether a lease of this job could be had now."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            pipeline.hmget(contract.KEY_JOB + job_id, "n", "next", "state")
+            pipeline.scard(contract.KEY_RETRY + job_id)
+            (n_tiles, cursor, state), n_retry = pipeline.execute()
+        return state == b"r" and (n_retry > 0 or int(cursor) < int(n_tiles))
+
     def set_epoch(self, server: str) -> str:
         """Declare the index complete under a new epoch; `server` is the run id that `expire` told."""
         epoch = f"{server[:12]}-{secrets.token_hex(4)}"
@@ -388,6 +397,11 @@ class Queue:
         """Tell whoever waits that a job has a new event; silently nothing when the server is away (they poll, too)."""
         with suppress(RedisError):
             self.redis.publish(contract.CHANNEL_EVENTS, f"{job_id} {event.seq} {event.state}")
+
+    def wake_assembler(self, job_id: str) -> None:
+        """Tell the assembler to look at a job."""
+        with clear_errors():
+            self.redis.publish(contract.CHANNEL_ASSEMBLER, job_id)
 
     def publish_control(self, message: str) -> int:
         """Send "cancel <job>" or "drain <worker>" to the workers' control threads; return how many heard it."""

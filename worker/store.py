@@ -408,6 +408,8 @@ class Store:
         limits += [(folder, idempotency_s) for folder in self._idempotency.iterdir()]
         for folder, limit in limits:
             for entry in os.scandir(folder):
+                if entry.name.startswith("assembly-"):
+                    continue  # in use for as long as its job takes; the assembler sweeps its own when it starts
                 with suppress(FileNotFoundError):
                     if time.time() - entry.stat(follow_symlinks=False).st_mtime < limit:
                         continue
