@@ -109,13 +109,16 @@ def parse_document(text: bytes | str, label: str = "scene") -> dict[str, Any]:
     """Parse a scene document strictly; see `read_scene` for the errors."""
     try:
         document = json.loads(
-            text, object_pairs_hook=_object, parse_constant=_refuse_constant, parse_float=_finite_float
+            text.decode("utf-8-sig") if isinstance(text, bytes) else text,
+            object_pairs_hook=_object,
+            parse_constant=_refuse_constant,
+            parse_float=_finite_float,
         )
     except json.JSONDecodeError as error:
         fault = Fault("", f"line {error.lineno}, column {error.colno}: {error.msg}", "a JSON document (RFC 8259)")
         raise SceneInvalidError(f"{label} is not JSON", faults=[fault]) from error
     except UnicodeDecodeError as error:
-        raise SceneInvalidError(f"{label} is not UTF-8 text", faults=[Fault("", str(error), "UTF-8")]) from error
+        raise SceneInvalidError(f"{label} is not UTF-8 text", faults=[Fault("", str(error), "UTF-8 text")]) from error
     except RecursionError as error:
         fault = Fault("", "nested too deep", "at most 64 levels")
         raise SceneInvalidError(f"{label} is not a scene document", faults=[fault]) from error

@@ -15,7 +15,7 @@ from typing import BinaryIO
 import httpx
 
 from client.errors import DownloadError
-from client.transport import CHUNK_BYTES, Transport
+from client.transport import Transport
 
 TRIES = 5
 
@@ -61,7 +61,7 @@ class _Part:
             self.restart()
         self.etag = response.headers.get("ETag")
         self.digest = parse_repr_digest(response.headers.get("Repr-Digest")) or self.digest
-        for chunk in response.iter_raw(CHUNK_BYTES):
+        for chunk in response.iter_raw():  # as it comes: chunks of a given size are lost when it breaks off
             self.file.write(chunk)
             self.hash.update(chunk)
             self.size += len(chunk)

@@ -28,8 +28,7 @@ def format_count(number: float | None, unit: str = "") -> str:
         if size >= factor * 0.9995:
             scaled = number / factor
             digits = 2 if abs(scaled) < 9.995 else 1 if abs(scaled) < 99.95 else 0
-            joint = " " if not unit else ""
-            return f"{scaled:.{digits}f}{joint or ' '}{prefix}{unit}"
+            return f"{scaled:.{digits}f} {prefix}{unit}"
     text = f"{number:.0f}" if float(number).is_integer() or size >= 100 else f"{number:.1f}"
     return text + suffix
 

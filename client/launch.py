@@ -1,7 +1,7 @@
 """A service of one's own for a while: `smalti demo`, the benchmarks and tests use it.
 
 Invariants: the service runs in a process group of its own, so Ctrl-C reaches only us and the end is in order; it ends
-with this process, whatever happens to it (PR_SET_PDEATHSIG on Linux); its store is a temporary folder unless one is given.
+with this process, whatever happens to it (PR_SET_PDEATHSIG on Linux); its store is temporary unless one is given.
 """
 
 import contextlib
