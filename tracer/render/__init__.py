@@ -1,0 +1,1 @@
+"""Rendering: the backend seam, the compiler of scenes and its cache."""
