@@ -8,20 +8,21 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+import structlog
 from fastapi import FastAPI
 
 from service.context import Context, build_context
 from service.handlers import install_handlers
-from service.logs import configure_logs, get_logger
 from service.middleware import SurroundMiddleware
 from service.openapi import DESCRIPTION, build_openapi
 from service.routes import assets, events, jobs, pages, results, service
 from service.settings import ServiceSettings
 from service.version import VERSION
+from worker.logs import configure_logs
 from worker.queue import Queue
 from worker.store import Store
 
-log = get_logger("service.app")
+log = structlog.get_logger()
 
 ROUTERS = (jobs.router, events.router, results.router, assets.router, service.router, pages.router)
 
@@ -39,7 +40,7 @@ def create_app(
         In place of the real ones, for tests.
     """
     settings = settings or ServiceSettings()
-    configure_logs(settings.log_level)
+    configure_logs(settings.log_level, settings.log_file, role="api")
     context = build_context(settings, store, queue)
 
     @asynccontextmanager

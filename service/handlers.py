@@ -9,6 +9,7 @@ import errno
 from collections.abc import Sequence
 from typing import Any, cast
 
+import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
@@ -16,13 +17,12 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Match, Route
 
 from service import problems
-from service.logs import get_logger
 from service.middleware import REQUEST_ID
 from service.problems import FieldFault, Problem, ProblemType, render_problem
 from tracer.scene.faults import pointer_of
 from worker import errors
 
-log = get_logger("service.errors")
+log = structlog.get_logger()
 
 _RETRY = {"Retry-After": "2"}
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})

@@ -10,12 +10,12 @@ import secrets
 import time
 from typing import Final
 
+import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import problems
-from service.logs import get_logger
 from service.metrics import Metrics
 from service.problems import Problem, render_problem
 
@@ -41,7 +41,7 @@ _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 _SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
-log = get_logger("service.http")
+log = structlog.get_logger()
 
 
 def host_name(host_header: str) -> str:

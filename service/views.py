@@ -8,8 +8,9 @@ import time
 from contextlib import suppress
 from typing import Final, NamedTuple
 
+import structlog
+
 from service.context import OWNER, Context
-from service.logs import get_logger
 from service.schemas import EventView, ImageView, JobLinks, JobPage, JobProblem, JobView, Progress
 from worker import contract, jobs
 from worker.errors import DamagedRecordError, JobNotFoundError
@@ -19,7 +20,7 @@ from worker.states import TERMINAL, JobState
 # A page ends after this time even if it is not full: a rare state among 100,000 jobs must not hold up a thread.
 _SCAN_S: Final = 0.25
 
-log = get_logger("service.views")
+log = structlog.get_logger()
 
 
 class Snapshot(NamedTuple):
@@ -39,7 +40,7 @@ def progress_view(progress: jobs.Progress) -> Progress:
     return Progress(
         tiles_done=progress.tiles_done,
         tiles_total=progress.tiles_total,
-        fraction=round(progress.fraction, 6),
+        fraction=min(1.0, round(progress.fraction, 6)),
         rays=progress.rays,
         rays_per_s=None if progress.rays_per_s is None else round(progress.rays_per_s, 1),
         eta_s=None if progress.eta_s is None else round(progress.eta_s, 2),

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from contextlib import aclosing, contextmanager, suppress
 from typing import Final
 
-from service.logs import get_logger
+import structlog
+
 from worker.errors import QueueUnavailableError
 from worker.queue import watch
 
@@ -21,7 +22,7 @@ POLL_S: Final = 1.0
 POLL_BLIND_S: Final = 0.2
 _RECONNECT_S: Final = 0.25
 
-log = get_logger("service.wakeups")
+log = structlog.get_logger()
 
 
 class Waiter:

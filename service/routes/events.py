@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 import anyio.to_thread
+import structlog
 from fastapi import APIRouter, Depends, Header
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.requests import Request
@@ -18,7 +19,6 @@ from starlette.requests import Request
 from service import examples
 from service.context import Context, InContext
 from service.handlers import NothingMore
-from service.logs import get_logger
 from service.middleware import HEAD_FLAG
 from service.openapi import problem_answers
 from service.routes.jobs import JobId
@@ -35,7 +35,7 @@ router = APIRouter(prefix="/v1", tags=["jobs"])
 _PROGRESS_S: Final = 0.5
 _RETRY_MS: Final = 1000
 
-log = get_logger("service.events")
+log = structlog.get_logger()
 
 
 @dataclass(frozen=True)
