@@ -78,7 +78,11 @@ def serve(
     """
     from client.serve import run_farm
 
+    terminal = Terminal()
     run_farm(
+        lambda farm: terminal.note(
+            f"Smalti takes jobs at {farm.url} (API reference at {farm.url}/docs); Ctrl-C ends it"
+        ),
         host=host,
         port=port,
         workers=workers,

@@ -50,13 +50,14 @@ def run_demo(scene: Path, output: Path, *, workers: int | None, terminal: Termin
                 job = seen
                 view.update(job.state, job.progress)
         require_success(job)
-        done_s = time.monotonic() - posted
         for suffix in (".png", ".exr"):
             target = output / f"{scene.stem}{suffix}"
             size = client.get(job.id, target)
             terminal.out(f"wrote {target} ({format_bytes(size)})")
+        done_s = time.monotonic() - posted
         report = client.report(job.id)
         terminal.out("")
-        print_report(terminal, report, done_s=done_s)
+        print_report(terminal, report)
+        terminal.note(f"from the request to the pictures on disk: {format_duration(done_s)}")
         terminal.note("shutting down")
     terminal.note(f"all done in {format_duration(time.monotonic() - started)}")

@@ -4,6 +4,7 @@ Invariant: what is not given stays as the environment (`SMALTI_*`) or the farm's
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ from client.errors import SmaltiError, UsageError
 DEFAULT_PORT = 8000
 
 
-def run_farm(**given: Any) -> None:
+def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     """Run the supervisor until it is told to stop.
 
     Parameters
     ----------
+    ready : callable, optional
+        Called with the supervisor once everything answers.
     **given
         Fields of the farm's settings; None means not given.
 
@@ -25,13 +28,13 @@ def run_farm(**given: Any) -> None:
     UsageError
         When a setting is out of range.
     SmaltiError
-        When the farm cannot start.
+        When the farm cannot start, or ended by itself.
     """
     from pydantic import ValidationError
-    from worker.supervisor import Supervisor
 
-    from worker.errors import FarmError
+    from worker.logs import configure_logs
     from worker.settings import FarmSettings
+    from worker.supervisor import Supervisor
 
     settings_given = {key: value for key, value in given.items() if value is not None}
     if "SMALTI_PORT" not in os.environ:
@@ -41,10 +44,9 @@ def run_farm(**given: Any) -> None:
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
         raise UsageError(f"a setting is not valid: {faults}") from error
-    try:
-        Supervisor(settings).run()
-    except FarmError as error:
-        raise SmaltiError(str(error)) from error
+    configure_logs(settings.log_level, settings.log_file, role="supervisor", pid=os.getpid())
+    if Supervisor(settings, ready=ready).run():
+        raise SmaltiError("the farm ended with an error", hint="its log tells why")
 
 
 def default_store() -> Path:

@@ -56,16 +56,29 @@ class Terminal:
         """Print a JSON document."""
         self.out(json.dumps(data, indent=2, ensure_ascii=False))
 
-    def table(self, header: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "") -> None:
+    def table(
+        self,
+        header: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        *,
+        title: str = "",
+        right: Sequence[int] = (),
+    ) -> None:
         """Print a table: with lines on a terminal, in plain aligned columns elsewhere.
 
-        Columns whose cells all begin with a digit, `-` or `<` are set to the right.
+        Parameters
+        ----------
+        header : sequence of str
+            Names of the columns; all empty for a table without.
+        rows : sequence of sequences of str
+            Cells.
+        title : str
+            Line above it.
+        right : sequence of int
+            Columns that are set to the right.
         """
         cells = [[clean(cell) for cell in row] for row in rows]
-        to_right = [
-            bool(cells) and all(row[column][:1] in set("0123456789-<") for row in cells)
-            for column in range(len(header))
-        ]
+        to_right = [column in right for column in range(len(header))]
         if is_live(sys.stdout):
             self._rich_table(header, cells, to_right, title)
             return

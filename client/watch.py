@@ -1,4 +1,4 @@
-"""Following a job: server-sent events tell changes of state at once, a status now and then tells the progress.
+"""Following a job: server-sent events tell changes of state at once, and the progress in between.
 
 A thread listens to the event stream and resumes it with `Last-Event-ID` after a break; where streams do not get through
 (proxies that hold them back), polling alone is enough, only a little later.
@@ -6,21 +6,24 @@ Invariant: the last job yielded is the terminal one, unless an error is raised.
 """
 
 import contextlib
+import json
 import queue
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import httpx
 
 from client.errors import NotReachableError, SmaltiError, TimedOutError
-from client.models import Job
-from client.sse import parse_events
+from client.models import Job, Progress
+from client.sse import ServerEvent, parse_events
 from client.transport import Transport
 
-POLL_S = 0.5  # progress is shown this often; the state comes with the events, at once
+POLL_S = 0.5  # without a stream
+QUIET_S = 3.0  # with a stream: the service tells progress twice a second, so silence this long is worth a look
 KEEP_ALIVE_S = 15.0  # the service sends a comment this often; three missed ones mean a dead connection
 STREAM_FAILURES = 4  # streams in a row without one event, before polling has to do
 POLL_FAILURES = 5  # in a row, each already tried several times by the transport
@@ -36,18 +39,23 @@ class EventListener:
 
     Attributes
     ----------
-    arrived : queue.Queue of str
-        One entry for each event, its id or "".
+    arrived : queue.Queue of ServerEvent
+        What came.
     """
 
     def __init__(self, transport: Transport, path: str) -> None:
-        self.arrived: queue.Queue[str] = queue.Queue()
+        self.arrived: queue.Queue[ServerEvent] = queue.Queue()
         self._transport = transport
         self._path = path
         self._last_id: str | None = None
         self._response: httpx.Response | None = None
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="smalti-events", daemon=True)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it listens, or will again."""
+        return self._thread.is_alive()
 
     def start(self) -> None:
         """Begin to listen."""
@@ -91,7 +99,7 @@ class EventListener:
                     break
                 self._last_id = event.id if event.id is not None else self._last_id
                 came = True
-                self.arrived.put(event.id or "")
+                self.arrived.put(event)
         return came
 
 
@@ -103,8 +111,9 @@ def watch(
     *,
     timeout_s: float | None = None,
     poll_s: float = POLL_S,
+    quiet_s: float = QUIET_S,
 ) -> Iterator[Job]:
-    """Yield a job now, whenever its state changes, and every `poll_s`, until it ends.
+    """Yield a job now and whenever its state or progress changes, until it ends.
 
     Parameters
     ----------
@@ -115,7 +124,9 @@ def watch(
     timeout_s : float, optional
         Longest time to follow it.
     poll_s : float
-        Seconds between two looks at the progress.
+        Seconds between two looks without a stream.
+    quiet_s : float
+        Seconds without an event, after which to look in spite of a stream.
 
     Raises
     ------
@@ -140,7 +151,12 @@ def watch(
                     f"job {job_id} has not ended in {timeout_s:g} s; it is {job.state} and goes on",
                     hint=f"wait longer with `smalti watch {job_id}`",
                 )
-            _wait_for_event(listener, min(poll_s, left_s))
+            events = _wait_for_events(listener, min(quiet_s if listener.is_alive else poll_s, left_s))
+            progress = _progress_in(events)
+            if progress is not None:
+                job = replace(job, state="rendering", progress=progress)
+                yield job
+                continue
             try:
                 job = status(job_id)
                 failures = 0
@@ -154,9 +170,24 @@ def watch(
         listener.stop()
 
 
-def _wait_for_event(listener: EventListener, longest_s: float) -> None:
-    """Wait for an event; several that came at once are one reason to look."""
+def _wait_for_events(listener: EventListener, longest_s: float) -> list[ServerEvent]:
+    """Wait for an event; returns all that are there, or none after a while."""
+    events = []
     with contextlib.suppress(queue.Empty):
-        listener.arrived.get(timeout=longest_s)
+        events.append(listener.arrived.get(timeout=longest_s))
         while True:
-            listener.arrived.get_nowait()
+            events.append(listener.arrived.get_nowait())
+    return events
+
+
+def _progress_in(events: list[ServerEvent]) -> Progress | None:
+    """Return the progress if that is all the events tell; otherwise the job has to be asked for."""
+    if not events or any(event.event != "progress" for event in events):
+        return None
+    try:
+        data = json.loads(events[-1].data)
+    except ValueError:
+        return None
+    if not isinstance(data, dict) or not isinstance(data.get("progress"), dict):
+        return None
+    return Progress.parse(data["progress"])

@@ -16,7 +16,7 @@ from client.errors import NotFoundError, NotReachableError, TimedOutError
 @pytest.fixture(autouse=True)
 def slow_polling(monkeypatch: pytest.MonkeyPatch) -> None:
     """So that a state that is seen soon was seen by an event."""
-    monkeypatch.setattr(watch_module.watch, "__kwdefaults__", {"timeout_s": None, "poll_s": 20.0})
+    monkeypatch.setattr(watch_module.watch, "__kwdefaults__", {"timeout_s": None, "poll_s": 20.0, "quiet_s": 20.0})
 
 
 def events(*steps: Any) -> Callable[[httpx.Request], Iterator[bytes]]:
@@ -55,6 +55,31 @@ def test_events_tell_changes_at_once(fake: Any) -> None:
     started = time.monotonic()
     assert states(fake.client().watch("job1")) == ["queued", "rendering", "succeeded"]
     assert time.monotonic() - started < 5
+
+
+def test_progress_comes_without_a_question(fake: Any) -> None:
+    fake.add_job(state="rendering")
+    fake.events = events(
+        b'event: progress\ndata: {"state": "rendering", "progress": {"tiles_done": 3, "tiles_total": 4, "rays": 5}}\n\n',
+        lambda: time.sleep(0.1),
+        b"event: progress\ndata: [nonsense\n\n",
+        lambda: time.sleep(0.1),
+        set_state(fake, "succeeded"),
+        b"id: 3\ndata: {}\n\n",
+    )
+    jobs = list(fake.client().watch("job1"))
+    assert [job.progress.tiles_done for job in jobs] == [1, 3, 1, 1]
+    assert jobs[1].progress.fraction == 0.75
+    assert fake.count("GET", "/v1/jobs/job1") == 3
+
+
+def test_silence_is_worth_a_look(fake: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(watch_module.watch.__kwdefaults__, "quiet_s", 0.05)
+    fake.add_job(state="rendering")
+    fake.events = events(set_state(fake, "succeeded"), lambda: fake.stop.wait(5))
+    started = time.monotonic()
+    assert states(fake.client().watch("job1"))[-1] == "succeeded"
+    assert time.monotonic() - started < 3
 
 
 def test_a_broken_stream_is_resumed_where_it_was(fake: Any) -> None:
