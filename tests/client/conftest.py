@@ -142,7 +142,7 @@ class FakeService:
                     return problem(404, "route-not-found")
                 return httpx.Response(200, headers={"Content-Type": "text/event-stream"}, content=self.events(request))
             case "GET", "report":
-                return httpx.Response(200, json={"tiles": 4})
+                return httpx.Response(200, content=iter([b'{"tiles": 4}']))
             case "GET", "scene":
                 return httpx.Response(200, json=SCENE)
             case "GET", name if name in self.results:
