@@ -28,11 +28,12 @@ from worker import contract, files, jobs
 from worker.contract import PREVIEW_PNG, REPORT, RESULT_EXR, RESULT_PNG
 from worker.errors import FarmError, IllegalTransitionError, JobNotFoundError, QueueError, StoreFullError
 from worker.grid import grid_of
-from worker.queue import Queue, connect
+from worker.queue import Queue
 from worker.records import problem
 from worker.report import TileTotals, build_report, summarize
 from worker.states import JobState
 from worker.store import Store
+from worker.wire import connect
 
 log = structlog.get_logger()
 
@@ -56,30 +57,17 @@ class Assembly:
     """
 
     def __init__(self, store: Store, queue: Queue, job_id: str, owner: str) -> None:
-        plan = store.read_plan(job_id)
-        if plan is None:
-            raise JobNotFoundError(f"job {job_id} has no plan")
         self.job_id = job_id
         self._store, self._queue, self._owner = store, queue, owner
         self.record = store.read_job(job_id)
-        self._plan = plan
-        self._grid = grid_of(plan)
-        self._samples = int(plan["samples"])
+        self._grid = grid_of(self.record)
+        self._samples = self.record.samples
         self._totals = TileTotals()
         self._next = 0
         self._folder = store.temporary / f"{_folder_prefix()}{job_id}-{secrets.token_hex(4)}"
         self._folder.mkdir()
-        color_space = self.record.output["png_color_space"]
-        self._color_space = color_space
-        self._writer = FilmWriter(
-            self._folder / RESULT_EXR,
-            self._folder / RESULT_PNG,
-            self._grid.width,
-            self._grid.height,
-            crop_origin=(self._grid.x, self._grid.y),
-            display_size=(self.record.width, self.record.height),
-            png_color_space=color_space,
-        )
+        self._color_space = self.record.output["png_color_space"]
+        self._writer: FilmWriter | None = None
         self._preview = Preview(
             Rect(self._grid.x, self._grid.y, self._grid.width, self._grid.height), contract.PREVIEW_MAX_PX
         )
@@ -132,8 +120,21 @@ class Assembly:
         self._preview.add(rect, pixels)
         self._totals.add(header)
         if (self._next + 1) % self._grid.columns == 0:
+            if self._writer is None:  # not before there is something to write: a job may end without any
+                self._writer = self._open()
             self._writer.write_rows(self._row)
             self._row = None
+
+    def _open(self) -> FilmWriter:
+        return FilmWriter(
+            self._folder / RESULT_EXR,
+            self._folder / RESULT_PNG,
+            self._grid.width,
+            self._grid.height,
+            crop_origin=(self._grid.x, self._grid.y),
+            display_size=(self.record.width, self.record.height),
+            png_color_space=self._color_space,
+        )
 
     def _show(self) -> None:
         """Bring the preview up to date, now and then."""
@@ -148,12 +149,13 @@ class Assembly:
         started = time.perf_counter()
         with suppress(IllegalTransitionError):  # assembling already, before a restart
             jobs.transition(store, self._queue, job_id, JobState.ASSEMBLING, by=self._owner)
+        assert self._writer is not None  # every tile was taken in, so the last row was written
         film_sha256 = self._writer.close()
         (self._folder / PREVIEW_PNG).write_bytes(self._preview.encode_png(self._color_space))
         sizes = {name: (self._folder / name).stat().st_size for name in (RESULT_EXR, RESULT_PNG)}
         report = build_report(
             self.record,
-            self._plan,
+            store.read_plan(job_id) or {},
             store.events(job_id),
             self._totals,
             film_sha256=film_sha256,
@@ -170,7 +172,8 @@ class Assembly:
 
     def close(self) -> None:
         """Drop what is not committed."""
-        self._writer.abandon()
+        if self._writer is not None:
+            self._writer.abandon()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 

@@ -5,7 +5,7 @@ only when a worker asks, so that the API never loads it.
 Invariant: tasks, store and queue know no backend by name.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,28 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from tracer.scene import SceneDoc
+    from tracer.scene import AssetResolver, SceneDoc
     from tracer.types import FilmBlocks
-
-
-class AssetRef(Protocol):
-    """A file that a scene names: `companions` are the files that it names in turn (None: known to be missing)."""
-
-    @property
-    def name(self) -> str:
-        """Key in the scene's table of assets."""
-
-    @property
-    def file(self) -> str:
-        """Plain file name."""
-
-    @property
-    def sha256(self) -> str | None:
-        """Hash of its bytes."""
-
-    @property
-    def companions(self) -> Mapping[str, str | None] | None:
-        """Relative name -> hash."""
 
 
 class CanceledError(Exception):
@@ -68,9 +48,7 @@ class FarmBackend(Protocol):
     def warm(self) -> None:
         """Compile and load kernels, once a host."""
 
-    def compile(
-        self, scene: "SceneDoc", assets: Callable[[AssetRef], Path], cache: Path
-    ) -> tuple[Any, Mapping[str, Any]]:
+    def compile(self, scene: "SceneDoc", assets: "AssetResolver", cache: Path) -> tuple[Any, Mapping[str, Any]]:
         """Return the compiled scene and figures of its making (load_s, build_s, triangles, bytes, warnings).
 
         Raises `SceneFaultError`.

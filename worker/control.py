@@ -19,7 +19,7 @@ import structlog
 from worker import contract
 from worker.context import WorkerContext
 from worker.errors import QueueError
-from worker.queue import connect
+from worker.wire import connect
 
 log = structlog.get_logger()
 

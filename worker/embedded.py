@@ -20,7 +20,7 @@ import redis
 
 from worker.errors import ServerStartError, StoreInUseError
 from worker.processes import born
-from worker.queue import connect, unix_url
+from worker.wire import connect, unix_url
 
 # sun_path has 108 bytes on Linux, 104 on macOS, the final zero included.
 _MAX_SOCKET_PATH = 103

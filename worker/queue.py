@@ -9,26 +9,20 @@ Source: service.md, "RQ 3.0, as measured" and "Leases, index and files, as measu
 import json
 import secrets
 import time
-from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
-import redis
-import redis.asyncio
-from redis.backoff import NoBackoff
-from redis.exceptions import OutOfMemoryError, RedisError, ResponseError
-from redis.retry import Retry
+from redis.exceptions import RedisError, ResponseError
 from rq import Queue as RqQueue
 from rq.serializers import JSONSerializer
 
 from worker import contract, scripts
-from worker.errors import JobNotFoundError, QueueFullError, QueueUnavailableError, StaleIndexError
+from worker.errors import JobNotFoundError, QueueFullError, StaleIndexError
 from worker.records import JobEvent
+from worker.wire import clear_errors, connect, unix_url, watch
 
-# A command that takes longer than this on a healthy farm does not exist (the slowest, FLUSHALL apart, takes 10 ms).
-COMMAND_TIMEOUT_S = 5.0
+__all__ = ["IndexProgress", "Lease", "Queue", "Sweep", "WorkerInfo", "unix_url", "watch"]
 
 
 class Lease(NamedTuple):
@@ -76,36 +70,6 @@ class WorkerInfo(NamedTuple):
     def alive(self) -> bool:
         """Whether it was heard of lately."""
         return self.seen_s < 5.0
-
-
-def unix_url(path: Path) -> str:
-    """Return the URL of a server's unix socket."""
-    return f"unix://{quote(str(path))}"
-
-
-@contextmanager
-def clear_errors() -> Iterator[None]:
-    """Turn redis-py's errors into ours."""
-    try:
-        yield
-    except OutOfMemoryError as error:
-        raise QueueFullError from error
-    except (redis.ConnectionError, redis.TimeoutError) as error:  # BusyLoadingError is a ConnectionError
-        raise QueueUnavailableError(f"the queue's server does not answer: {error}") from error
-
-
-def connect(url: str, *, timeout_s: float | None = COMMAND_TIMEOUT_S) -> "redis.Redis":
-    """Return a client whose commands answer within `timeout_s`; None for blocking reads, which need their own.
-
-    One silent retry, no more: NEXT is safe to repeat, and an outage is to be seen, not slept through.
-    """
-    return redis.Redis.from_url(
-        url,
-        socket_timeout=timeout_s,
-        socket_connect_timeout=2.0,
-        retry=Retry(NoBackoff(), 1),
-        health_check_interval=0,
-    )
 
 
 class Queue:
@@ -423,20 +387,3 @@ class Queue:
 def _split_lease(lease: str) -> tuple[str, int | None]:
     job, tile = lease.rsplit("/", 1)
     return job, None if tile == "p" else int(tile)
-
-
-async def watch(url: str, channel: str = contract.CHANNEL_EVENTS) -> AsyncIterator[str]:
-    """Yield the messages of a channel for ever; an empty string once subscribed and after each reconnection.
-
-    Messages are lost while the server is away: on "" look at the store. Uses a connection of its own, without read
-    timeout. Raises `QueueUnavailableError` when the connection breaks; call again after a pause.
-    """
-    client = redis.asyncio.Redis.from_url(url, socket_timeout=None, socket_connect_timeout=2.0)
-    try:
-        async with client.pubsub() as pubsub:
-            with clear_errors():
-                await pubsub.subscribe(channel)
-                async for message in pubsub.listen():
-                    yield "" if message["type"] == "subscribe" else message["data"].decode()
-    finally:
-        await client.aclose()

@@ -173,10 +173,7 @@ class Steward:
 
     def _index(self, job_id: str) -> None:
         """Put a job that is being rendered into the index, with the tiles that are on disk."""
-        plan = self._store.read_plan(job_id)
-        if plan is None:
-            raise DamagedRecordError("it is being rendered but has no plan")
-        grid = grid_of(plan)
+        grid = grid_of(self._store.read_job(job_id))
         done = [tile for tile in self._store.done_tiles(job_id) if tile < grid.n_tiles]
         self._queue.init_job(job_id, grid.n_tiles, grid.columns, done)
 

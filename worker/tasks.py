@@ -9,7 +9,7 @@ Source: service.md, "One datum's way", "RQ 3.0, as measured", "Leases, index and
 import hashlib
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ import numpy as np
 import structlog
 
 from tracer.film.tile import Rect, TileHeader, blocks_of_rect, encode_tile, join_blocks
-from tracer.scene import SceneError, parse_scene
+from tracer.scene import AssetRef, AssetResolver, SceneError, parse_scene
 from tracer.types import COUNTERS
 from worker import contract, jobs
-from worker.backends import AssetRef, CanceledError, SceneFaultError
+from worker.backends import CanceledError, SceneFaultError
 from worker.context import Prepared, WorkerContext
 from worker.errors import (
     AssetNotFoundError,
@@ -31,7 +31,7 @@ from worker.errors import (
     QueueError,
     StoreFullError,
 )
-from worker.grid import TileGrid, grid_of
+from worker.grid import grid_of
 from worker.leases import reproduce_line
 from worker.records import JobRecord, problem
 from worker.states import JobState
@@ -102,7 +102,7 @@ def _compile(context: WorkerContext, record: JobRecord) -> Prepared:
         raise scene_fault(error) from error
     started = time.perf_counter()
     compiled, figures = context.backend.compile(scene, _asset_resolver(context), context.settings.cache)
-    grid = TileGrid(record.x, record.y, record.crop_width, record.crop_height, int(record.output["tile_size"]))
+    grid = grid_of(record)
     store.write_plan(
         record.id,
         {
@@ -131,7 +131,7 @@ def scene_fault(error: SceneError) -> SceneFaultError:
     )
 
 
-def _asset_resolver(context: WorkerContext) -> Callable[[AssetRef], Path]:
+def _asset_resolver(context: WorkerContext) -> AssetResolver:
     """Return what finds a scene's files: a folder of links, because a model names its companions relative to itself."""
     store = context.store
 
@@ -260,12 +260,7 @@ def render_alone(context: WorkerContext, job_id: str, tile: int | None) -> Mappi
     compiled, figures = context.backend.compile(scene, _asset_resolver(context), context.settings.cache)
     if tile is None:
         return dict(figures)
-    plan = context.store.read_plan(job_id)
-    grid = (
-        grid_of(plan)
-        if plan is not None
-        else TileGrid(record.x, record.y, record.crop_width, record.crop_height, int(record.output["tile_size"]))
-    )
+    grid = grid_of(record)
     rect = Rect(*grid.tile_rect(tile))
     started = time.perf_counter()
     film = context.backend.render(compiled, blocks_of_rect(rect), (0, record.samples), context.cancel)

@@ -20,16 +20,17 @@ crash_once      path of a file: `crash_block` kills only while the file does not
 import os
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.scene import SceneDoc
+from tracer.scene import AssetResolver, SceneDoc
+from tracer.scene.assets import asset_ref
 from tracer.types import COUNTERS, FilmBlocks
-from worker.backends import AssetRef, CanceledError, SceneFaultError
+from worker.backends import CanceledError, SceneFaultError
 
 RAYS_PER_SAMPLE = 3
 
@@ -43,9 +44,7 @@ class FakeBackend:
     def warm(self) -> None:
         """Nothing to compile."""
 
-    def compile(
-        self, scene: SceneDoc, assets: Callable[[AssetRef], Path], cache: Path
-    ) -> tuple[Any, Mapping[str, Any]]:
+    def compile(self, scene: SceneDoc, assets: AssetResolver, cache: Path) -> tuple[Any, Mapping[str, Any]]:
         """Return the settings in the scene's title; assets are resolved and must be files."""
         del cache
         title = scene.name or ""
@@ -57,8 +56,7 @@ class FakeBackend:
         if settings.get("fail_prepare") == "error":
             raise RuntimeError("it asked for it")
         for name, asset in scene.assets.items():
-            reference = _Reference(name, asset.file, asset.sha256, asset.companions)
-            if not assets(reference).is_file():
+            if not assets(asset_ref(scene, name)).is_file():
                 raise SceneFaultError("asset-invalid", "A file cannot be read", asset.file, file=asset.file)
         return settings, {"load_s": 0.0, "build_s": 0.0, "triangles": 0, "bytes": 0, "warnings": []}
 
@@ -97,13 +95,6 @@ class FakeBackend:
         counters[COUNTERS.index("primary_rays")] = RAYS_PER_SAMPLE * n_samples * 256 * len(blocks)
         halves = np.array([(n_samples + 1) // 2, n_samples // 2], np.int64)
         return FilmBlocks(np.ascontiguousarray(sums), halves, counters)
-
-
-class _Reference:
-    """What the resolver wants to know of an asset."""
-
-    def __init__(self, name: str, file: str, sha256: str | None, companions: Mapping[str, str | None] | None) -> None:
-        self.name, self.file, self.sha256, self.companions = name, file, sha256, companions
 
 
 def _misbehave(settings: Mapping[str, str], blocks: NDArray[np.int32]) -> None:

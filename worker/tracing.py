@@ -5,7 +5,7 @@ Invariant: the only module of the farm that imports the tracer's kernels and loa
 Source: architecture.md, "Three seams".
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from tracer.jit import warm
 from tracer.loaders.errors import LoadError
 from tracer.render import Canceled, compile_cached, get_backend
-from tracer.scene import SceneDoc, SceneError
+from tracer.scene import AssetResolver, SceneDoc, SceneError
 from tracer.types import FilmBlocks
-from worker.backends import AssetRef, CanceledError, SceneFaultError
+from worker.backends import CanceledError, SceneFaultError
 from worker.tasks import scene_fault
 
 
@@ -33,9 +33,7 @@ class TracerBackend:
         """Compile the kernels, or load them from disk; processes take turns."""
         warm(lock=True)
 
-    def compile(
-        self, scene: SceneDoc, assets: Callable[[AssetRef], Path], cache: Path
-    ) -> tuple[Any, Mapping[str, Any]]:
+    def compile(self, scene: SceneDoc, assets: AssetResolver, cache: Path) -> tuple[Any, Mapping[str, Any]]:
         """Compile a scene, or map the one that was compiled on this host before."""
         try:
             compiled, stats = compile_cached(scene, assets, cache / "scenes", self._backend)
@@ -50,7 +48,7 @@ class TracerBackend:
                 pointer=f"/scene{error.pointer}" if error.pointer else None,
                 expected=error.mend or None,
             ) from error
-        return compiled, stats._asdict()
+        return compiled, {**stats._asdict(), "triangles": stats.n_triangles, "bytes": stats.n_bytes}
 
     def render(
         self,

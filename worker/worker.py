@@ -21,8 +21,8 @@ from rq.serializers import JSONSerializer
 from worker import contract
 from worker.context import WorkerContext
 from worker.errors import FarmError
-from worker.queue import connect
 from worker.records import check_job_id
+from worker.wire import connect
 
 log = structlog.get_logger()
 
