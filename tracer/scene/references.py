@@ -194,13 +194,16 @@ def _hashed_asset_faults(asset: Plain) -> Iterator[Fault]:
     if asset.get("sha256") is None:
         yield Fault("/sha256", "is missing", "the SHA-256 of the file, 64 lower-case hex digits")
     companions = _table(asset, "companions")
+    folders = {name[:end] for name in companions for end, letter in enumerate(name) if letter == "/"}
+    if file in folders:
+        yield Fault("/file", "is a file here and a folder of a companion", "another name")
     for companion, digest in companions.items():
         pointer = pointer_of("companions", companion)
         if problem := file_name_problem(companion, folders=True):
             yield Fault(pointer, problem, 'a relative name such as "textures/wood.png"')
         elif companion == file:
             yield Fault(pointer, "has the name of the file itself", "another name")
-        elif any(other.startswith(companion + "/") for other in (*companions, str(file))):
+        elif companion in folders:
             yield Fault(pointer, "is a file here and a folder elsewhere", "another name")
         if digest is None:
             yield Fault(pointer, "has no hash", "the SHA-256 of the file, 64 lower-case hex digits")
