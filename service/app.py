@@ -4,12 +4,13 @@ Job: put settings, store, queue and routes together into one ASGI app.
 Invariant: nothing heavy is imported, not even lazily: numba, numpy, trimesh and OpenImageIO belong to workers.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
 import structlog
 from fastapi import FastAPI
+from starlette.routing import BaseRoute
 
 from service.context import Context, build_context
 from service.handlers import install_handlers
@@ -64,22 +65,22 @@ def create_app(
         telemetry=None,
     )
     app.state.context = context
-    routes = []
+    routes: list[BaseRoute] = []
     for router in ROUTERS:
         app.include_router(router)
         routes += router.routes
     install_handlers(app, [*app.routes, *routes])
     app.add_middleware(SurroundMiddleware, metrics=context.metrics, allowed_hosts=settings.host_names())
-    _serve_own_openapi(app)
+    _serve_own_openapi(app, routes)
     return app
 
 
-def _serve_own_openapi(app: FastAPI) -> None:
+def _serve_own_openapi(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
     """Replace the app's OpenAPI document by the completed one, built at its first use (about 0.2 s)."""
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = build_openapi(app)
+            app.openapi_schema = build_openapi(app, routes)
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]

@@ -4,13 +4,15 @@ Job: complete what FastAPI derives from the routes.
 Invariant: made from the same models and catalogue that the routes use; nothing is described twice.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
+from starlette.routing import BaseRoute
 
 from service import examples
 from service.problems import CATALOGUE, MEDIA_TYPE
@@ -61,8 +63,8 @@ def problem_answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return answers
 
 
-def build_openapi(app: FastAPI) -> dict[str, Any]:
-    """Return the OpenAPI document of the app."""
+def build_openapi(app: FastAPI, routes: Sequence[BaseRoute]) -> dict[str, Any]:
+    """Return the OpenAPI document of the app, whose own routes are `routes`."""
     document = get_openapi(
         title=app.title,
         version=app.version,
@@ -77,10 +79,21 @@ def build_openapi(app: FastAPI) -> dict[str, Any]:
     components = document.setdefault("components", {}).setdefault("schemas", {})
     for name, schema in schemas["$defs"].items():
         components.setdefault(name, schema)
+    declared_answers = {
+        route.unique_id: {str(status): answer for status, answer in route.responses.items()}
+        for route in routes
+        if isinstance(route, APIRoute)
+    }
     # FastAPI's own 422 speaks of a model that is never sent here.
     for path in document["paths"].values():
         for operation in path.values():
             answers = operation["responses"]
+            declared = declared_answers.get(operation["operationId"], {})
+            for status, answer in answers.items():
+                for media_type, content in declared.get(status, {}).get("content", {}).items():
+                    # FastAPI drops every null, also those inside examples.
+                    restored = {key: value for key, value in content.items() if key.startswith("example")}
+                    answer["content"][media_type].update(restored)
             if "application/json" in answers.get("422", {}).get("content", {}):
                 del answers["422"]["content"]["application/json"]
                 answers.update({str(key): value for key, value in problem_answers(422).items()})

@@ -65,19 +65,31 @@ async def _answer(request: Request, context: Context, job_id: str, name: str, me
     return answer_file(request, file, media_type, f"{job_id}-{name}")
 
 
-@router.get("/result.png", summary="The picture, 8 bits a channel", responses=_file_answers("image/png", _BINARY))
+@router.get(
+    "/result.png",
+    response_class=Response,
+    summary="The picture, 8 bits a channel",
+    responses=_file_answers("image/png", _BINARY),
+)
 async def get_png(request: Request, context: InContext, job_id: JobId) -> Response:
     """Return the PNG: clamped, sRGB unless linear was asked for."""
     return await _answer(request, context, job_id, contract.RESULT_PNG, "image/png")
 
 
-@router.get("/result.exr", summary="The picture, float32, linear", responses=_file_answers("image/x-exr", _BINARY))
+@router.get(
+    "/result.exr",
+    response_class=Response,
+    summary="The picture, float32, linear",
+    responses=_file_answers("image/x-exr", _BINARY),
+)
 async def get_exr(request: Request, context: InContext, job_id: JobId) -> Response:
     """Return the OpenEXR file."""
     return await _answer(request, context, job_id, contract.RESULT_EXR, "image/x-exr")
 
 
-@router.get("/preview.png", summary="A small picture", responses=_file_answers("image/png", _BINARY))
+@router.get(
+    "/preview.png", response_class=Response, summary="A small picture", responses=_file_answers("image/png", _BINARY)
+)
 async def get_preview(request: Request, context: InContext, job_id: JobId) -> Response:
     """Return a preview of at most 512 pixels a side."""
     return await _answer(request, context, job_id, contract.PREVIEW_PNG, "image/png")
@@ -85,6 +97,7 @@ async def get_preview(request: Request, context: InContext, job_id: JobId) -> Re
 
 @router.get(
     "/report",
+    response_class=Response,
     summary="Where the time went, and what was skipped",
     responses=_file_answers("application/json", {"type": "object", "examples": [examples.REPORT]}),
 )
@@ -95,6 +108,7 @@ async def get_report(request: Request, context: InContext, job_id: JobId) -> Res
 
 @router.get(
     "/scene",
+    response_class=Response,
     summary="The scene as accepted",
     responses={
         200: {

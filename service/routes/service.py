@@ -125,6 +125,7 @@ async def list_workers(context: InContext) -> Response:
 
 @router.get(
     "/v1/schema",
+    response_class=Response,
     summary="JSON Schema of the scene document",
     responses={
         200: {
@@ -145,6 +146,7 @@ def _schema_bytes() -> bytes:
 
 @router.get(
     "/metrics",
+    response_class=Response,
     summary="Metrics for Prometheus",
     responses={
         200: {"description": "Text format.", "content": {"text/plain": {"schema": {"type": "string"}}}},

@@ -97,7 +97,7 @@ class Farm:
 def serve(root: Path, redis_url: str | None, **settings: Any) -> Iterator[Farm]:
     """Run the API in a thread until the end of the block."""
     chosen = ServiceSettings(
-        store=root / "store", redis_url=redis_url, log_file=root.parent / "api.log", **{"cache": root / "cache", **settings}
+        store=root / "store", redis_url=redis_url, log_level="ERROR", **{"cache": root / "cache", **settings}
     )
     app = create_app(chosen)
     server = uvicorn.Server(

@@ -27,7 +27,9 @@ def test_json_that_is_no_object(farm: Farm, body: str) -> None:
     assert faults[0]["pointer"] == ""
 
 
-@pytest.mark.parametrize("content_type", ["", "text/plain", "application/x-www-form-urlencoded", "image/png", "nonsense"])
+@pytest.mark.parametrize(
+    "content_type", ["", "text/plain", "application/x-www-form-urlencoded", "image/png", "nonsense"]
+)
 def test_other_media_types(farm: Farm, content_type: str) -> None:
     body = json.dumps({"scene": MINIMAL})
     answer = farm.client.post("/v1/jobs", content=body, headers={"Content-Type": content_type})
@@ -36,7 +38,9 @@ def test_other_media_types(farm: Farm, content_type: str) -> None:
 
 def test_other_charsets_and_encodings(farm: Farm) -> None:
     body = json.dumps({"scene": MINIMAL})
-    assert_problem(send(farm, body, **{"Content-Type": "application/json; charset=latin-1"}), 415, "media-type-unsupported")
+    assert_problem(
+        send(farm, body, **{"Content-Type": "application/json; charset=latin-1"}), 415, "media-type-unsupported"
+    )
     assert_problem(send(farm, body, **{"Content-Encoding": "gzip"}), 415, "media-type-unsupported")
     assert send(farm, body, **{"Content-Type": "application/json; charset=UTF-8"}).status_code == 202
     assert send(farm, body, **{"Content-Type": "application/vnd.smalti+json"}).status_code == 202

@@ -42,14 +42,25 @@ def test_every_range_of_an_empty_file_is_outside() -> None:
         parse_range("bytes=-0", None, '"e"', 0)
 
 
-@pytest.mark.parametrize(("if_range", "used"), [('"e"', True), ('"f"', False), ('W/"e"', False), ("Sat, 01 Jan", False)])
+@pytest.mark.parametrize(
+    ("if_range", "used"), [('"e"', True), ('"f"', False), ('W/"e"', False), ("Sat, 01 Jan", False)]
+)
 def test_if_range(if_range: str, used: bool) -> None:
     assert (parse_range("bytes=0-0", if_range, '"e"', 100) is not None) is used
 
 
 @pytest.mark.parametrize(
     ("header", "expected"),
-    [(None, False), ("*", True), ('"e"', True), ('W/"e"', True), ('"a", "e"', True), ('"a"', False), ("e", False), ("", False)],
+    [
+        (None, False),
+        ("*", True),
+        ('"e"', True),
+        ('W/"e"', True),
+        ('"a", "e"', True),
+        ('"a"', False),
+        ("e", False),
+        ("", False),
+    ],
 )
 def test_if_none_match(header: str | None, expected: bool) -> None:
     assert matches_none(header, '"e"') is expected

@@ -56,9 +56,8 @@ def test_a_running_job_is_followed_to_its_end(farm: Farm) -> None:
     worker = threading.Thread(target=work)
     with farm.client.stream("GET", f"/v1/jobs/{job_id}/events") as answer:
         worker.start()
-        for line in answer.iter_lines():
-            if line.startswith("data: ") and '"seq"' in line:
-                seen.append((time.monotonic(), events_of(line + "\n\n")[0]["data"]["state"]))
+        lines = (line for line in answer.iter_lines() if line.startswith("data: ") and '"seq"' in line)
+        seen += [(time.monotonic(), events_of(line + "\n\n")[0]["data"]["state"]) for line in lines]
     worker.join()
     assert [state for _, state in seen] == ["queued", *FLOW[:2], "canceling", "canceled"]
     # Woken by the message, not found by a poll half a second later.
@@ -66,7 +65,9 @@ def test_a_running_job_is_followed_to_its_end(farm: Farm) -> None:
 
 
 def test_progress_comes_in_between_without_an_id(farm: Farm) -> None:
-    job_id = farm.post(body={"scene": scene(image={"width": 32, "height": 32}), "output": {"tile_size": 16}}).json()["id"]
+    job_id = farm.post(body={"scene": scene(image={"width": 32, "height": 32}), "output": {"tile_size": 16}}).json()[
+        "id"
+    ]
     farm.move(job_id, *FLOW[:2])
     epoch = farm.context.queue.epoch() or farm.context.queue.set_epoch("test")
     farm.context.queue.init_job(job_id, 4, 2, [0])

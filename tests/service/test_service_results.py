@@ -10,7 +10,12 @@ from service_farm import FLOW, PNG, Farm, assert_problem, scene
 
 from worker.states import JobState
 
-NAMES = {"result.png": "image/png", "result.exr": "image/x-exr", "preview.png": "image/png", "report": "application/json"}
+NAMES = {
+    "result.png": "image/png",
+    "result.exr": "image/x-exr",
+    "preview.png": "image/png",
+    "report": "application/json",
+}
 
 
 @pytest.fixture(scope="module")
