@@ -162,10 +162,11 @@ class Material:
     two_sided: bool = True
 
     def attenuate(self, distance):
-        """1 / (a + b D + c D^2); light from infinitely far away has no distance: 1/a."""
+        """1 / (a + b D + c D^2); what comes from infinitely far away has no distance: 1/a, and with a = 0 nothing."""
         a, b, c = self.attenuation
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 1.0 / np.where(np.isinf(distance), a, a + b * distance + c * distance * distance)
+            near = 1.0 / (a + b * distance + c * distance * distance)
+        return np.where(np.isinf(distance), 1.0 / a if a > 0.0 else 0.0, near)
 
 
 @dataclasses.dataclass
