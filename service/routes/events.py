@@ -24,6 +24,7 @@ from service.openapi import problem_answers
 from service.routes.jobs import JobId
 from service.schemas import Progress
 from service.views import event_view, progress_view
+from service.wakeups import Waiter
 from worker import jobs
 from worker.errors import FarmError, JobNotFoundError
 from worker.records import JobEvent
@@ -45,6 +46,7 @@ class Resume:
     job_id: str
     after: int
     head_only: bool
+    waiter: Waiter
 
 
 async def find_start(
@@ -54,10 +56,13 @@ async def find_start(
     last_event_id: Annotated[
         str | None, Header(description="Id of the last event that the client has seen.", examples=["2"])
     ] = None,
-) -> Resume:
-    """Check, before the stream begins, that there is a job and something to tell.
+) -> AsyncIterator[Resume]:
+    """Check, before the stream begins, that there is a job and something to tell; then hold the place of one who waits.
 
     An id that is no event number counts as none: to tell everything again is safe.
+
+    The place is held here and not in the stream's generator: when a client leaves while the generator is not running,
+    nobody closes it before the garbage collector, but a dependency ends with its request.
     """
     after = 0
     if last_event_id is not None and last_event_id.isascii() and last_event_id.isdigit():
@@ -65,7 +70,12 @@ async def find_start(
     last = await anyio.to_thread.run_sync(context.store.last_event, job_id)
     if last.state in TERMINAL and after >= last.seq:
         raise NothingMore
-    return Resume(job_id, after, bool(request.scope.get(HEAD_FLAG)))
+    context.metrics.event_streams.inc()
+    try:
+        with context.wakeups.waiting(job_id) as waiter:
+            yield Resume(job_id, after, bool(request.scope.get(HEAD_FLAG)), waiter)
+    finally:
+        context.metrics.event_streams.dec()
 
 
 @router.get(
@@ -88,7 +98,6 @@ async def follow_job(
     """Stream the job's events."""
     if start.head_only:
         return
-    context.metrics.event_streams.inc()
     try:
         async for item in _follow(context, start):
             yield item
@@ -97,27 +106,24 @@ async def follow_job(
     except (FarmError, OSError):
         # The stream has begun, so it can only end; the client comes back with its last id.
         log.exception("stream broken off", job_id=start.job_id)
-    finally:
-        context.metrics.event_streams.dec()
 
 
 async def _follow(context: Context, start: Resume) -> AsyncIterator[ServerSentEvent]:
     yield ServerSentEvent(retry=_RETRY_MS)
     after = start.after
     shown: Progress | None = None
-    with context.wakeups.waiting(start.job_id) as waiter:
-        while not context.wakeups.closing:
-            events, progress = await anyio.to_thread.run_sync(_look, context, start.job_id, after)
-            for event in events:
-                yield ServerSentEvent(id=str(event.seq), event=event.type, data=event_view(event))
-                after = event.seq
-                if event.state in TERMINAL:
-                    return
-            if progress is not None and progress != shown:
-                shown = progress
-                state = JobState.RENDERING.value
-                yield ServerSentEvent(event="progress", data={"state": state, "progress": progress.model_dump()})
-            await waiter.wait(_PROGRESS_S)
+    while not context.wakeups.closing:
+        events, progress = await anyio.to_thread.run_sync(_look, context, start.job_id, after)
+        for event in events:
+            yield ServerSentEvent(id=str(event.seq), event=event.type, data=event_view(event))
+            after = event.seq
+            if event.state in TERMINAL:
+                return
+        if progress is not None and progress != shown:
+            shown = progress
+            state = JobState.RENDERING.value
+            yield ServerSentEvent(event="progress", data={"state": state, "progress": progress.model_dump()})
+        await start.waiter.wait(_PROGRESS_S)
 
 
 def _look(context: Context, job_id: str, after: int) -> tuple[list[JobEvent], Progress | None]:
