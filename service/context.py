@@ -63,4 +63,4 @@ def get_context(request: Request) -> Context:
     return cast("Context", request.app.state.context)
 
 
-InContext = Annotated[Context, Depends(get_context, scope="function")]
+InContext = Annotated[Context, Depends(get_context)]
