@@ -61,7 +61,7 @@ def load_gltf(file: ModelFile, data: bytes) -> MeshData:
         instances = _instances(file, tree)
         materials = GltfMaterials(file, tree, buffers)
         return _bake(file, tree, _decode(tree, buffers, primitives), primitives, instances, materials)
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError, AssertionError, OverflowError) as error:
         # The document's tables refer to each other in dozens of places; any of them may be wrong.
         raise file.error(f"is not valid glTF ({type(error).__name__}: {str(error)[:100]})", "check it") from None
 
@@ -343,9 +343,9 @@ def _bake_part(tree: Tree, kwargs: Tree, primitive: Tree, world: NDArray[np.floa
 
 def _restored_uvs(accessor: Tree, uvs: NDArray[Any]) -> NDArray[np.float64]:
     """Return texture coordinates with v upwards; trimesh flips v, and wraps around when they are stored as integers."""
-    if uvs.dtype.kind == "f":
+    top = {5121: 255, 5123: 65535}.get(accessor["componentType"])
+    if top is None:
         return uvs.astype(np.float64)
-    top = float(np.iinfo(uvs.dtype).max)
-    stored_v = (1 - uvs[:, 1].astype(np.int64)) % (int(top) + 1)
-    scale = top if accessor.get("normalized") else 1.0
+    stored_v = (1 - uvs[:, 1].astype(np.int64)) % (top + 1)
+    scale = top if accessor.get("normalized") else 1
     return np.stack([uvs[:, 0] / scale, 1.0 - stored_v / scale], axis=1)

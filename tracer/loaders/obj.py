@@ -22,6 +22,7 @@ from tracer.loaders.mtl import MaterialLibrary
 from tracer.loaders.polygon import triangulate
 
 _ABSENT = -1
+_NO_DIGITS = str.maketrans("", "", "0123456789")
 
 
 class _Polygons(NamedTuple):
@@ -204,23 +205,27 @@ def _parse_positions(file: ModelFile, lines: list[str]) -> tuple[NDArray[np.floa
 
 def _parse_faces(file: ModelFile, text: _Text, sizes: tuple[int, int, int]) -> list[_Polygons]:
     """Parse all face lines; lines of the same form together, odd ones one by one."""
-    forms: dict[tuple[int, int, int], list[int]] = defaultdict(list)
+    forms: dict[tuple[str, int], list[int]] = defaultdict(list)
     odd: list[int] = []
     for index, line in enumerate(text.faces):
         if index in text.counts:
             odd.append(index)
             continue
-        forms[len(line.split()), line.count("/"), line.count("//")].append(index)
+        # What is left without digits, "/ / /", is the form; only "1//2" and "1/2/3" look alike then.
+        forms[line.translate(_NO_DIGITS), line.count("//")].append(index)
     polygons = []
-    for (n, n_slashes, n_doubles), indices in forms.items():
-        columns = {
-            (0, 0): (0,),
-            (n, 0): (0, 1),
-            (2 * n, n): (0, 2),
-            (2 * n, 0): (0, 1, 2),
-        }.get((n_slashes, n_doubles))
+    for (form, n_doubles), indices in forms.items():
+        n = len(text.faces[indices[0]].split())
+        columns = None
+        if n >= 3 and len({word.count("/") for word in text.faces[indices[0]].split()}) == 1:
+            columns = {
+                (0, 0): (0,),
+                (n, 0): (0, 1),
+                (2 * n, n): (0, 2),
+                (2 * n, 0): (0, 1, 2),
+            }.get((form.count("/"), n_doubles))
         parsed = None
-        if columns is not None and n >= 3:
+        if columns is not None:
             parsed = _parse_alike([text.faces[index] for index in indices], n, columns)
         if parsed is None:
             odd += indices
