@@ -1,0 +1,1 @@
+"""Rays: where they start, at the camera and on surfaces."""
