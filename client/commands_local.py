@@ -48,6 +48,7 @@ def render(
     prepared = prepare_scene(options.override(document, samples=samples, size=size), folder)
     for warning in prepared.warnings:
         terminal.warn(warning)
+    from client.formats import format_count, format_duration
     from client.local import render_to_files
 
     outcome = render_to_files(prepared, targets, png_color_space=str(png), threads=threads, quiet=terminal.quiet)
@@ -55,7 +56,12 @@ def render(
         terminal.json(outcome)
         return
     for path in output:
-        terminal.note(f"wrote {path}")
+        terminal.out(f"wrote {path}")
+    rays, seconds = outcome["rays"], outcome["seconds"]
+    terminal.note(
+        f"{format_duration(seconds['total'])}, of these {format_duration(seconds['preparing']['total'])} to prepare; "
+        f"{format_count(rays['per_s'], 'rays/s')}, {rays['per_sample']:.2f} rays a sample"
+    )
 
 
 def serve(

@@ -58,11 +58,11 @@ class Speedometer:
         return (last_rays - first_rays) / (last_s - first_s)
 
 
-def describe(state: str, progress: Progress, speed: float | None) -> str:
+def describe(state: str, progress: Progress, speed: float | None, unit: str = "tiles") -> str:
     """Return one line: state, tiles, speed, time to go."""
     parts = [state]
     if progress.tiles_total:
-        parts.append(f"{progress.tiles_done}/{progress.tiles_total} tiles ({100 * progress.fraction:.0f} %)")
+        parts.append(f"{progress.tiles_done}/{progress.tiles_total} {unit} ({100 * progress.fraction:.0f} %)")
     if speed:
         parts.append(format_count(speed, "rays/s"))
     if progress.eta_s is not None and state == "rendering":
@@ -73,8 +73,9 @@ def describe(state: str, progress: Progress, speed: float | None) -> str:
 class Lines:
     """Plain lines for logs and pipes."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, unit: str = "tiles") -> None:
         self._clock = clock
+        self._unit = unit
         self._speedometer = Speedometer(clock)
         self._state = ""
         self._printed_at = float("-inf")
@@ -86,11 +87,11 @@ class Lines:
         if state == self._state and now - self._printed_at < LINE_EVERY_S:
             return
         self._state, self._printed_at = state, now
-        print(describe(state, progress, speed), file=sys.stderr, flush=True)  # noqa: T201
+        print(describe(state, progress, speed, self._unit), file=sys.stderr, flush=True)  # noqa: T201
 
 
 @contextmanager
-def show_progress(label: str, *, quiet: bool = False) -> Iterator[ProgressView]:
+def show_progress(label: str, *, quiet: bool = False, unit: str = "tiles") -> Iterator[ProgressView]:
     """Show progress while the block runs.
 
     Parameters
@@ -99,18 +100,20 @@ def show_progress(label: str, *, quiet: bool = False) -> Iterator[ProgressView]:
         What is rendered.
     quiet : bool
         Show nothing.
+    unit : str
+        What is counted.
     """
     if quiet:
         yield Silent()
     elif is_live(sys.stderr):
-        with _live_bar(label) as view:
+        with _live_bar(label, unit) as view:
             yield view
     else:
-        yield Lines()
+        yield Lines(unit=unit)
 
 
 @contextmanager
-def _live_bar(label: str) -> Iterator[ProgressView]:
+def _live_bar(label: str, unit: str) -> Iterator[ProgressView]:
     from rich.console import Console
     from rich.progress import BarColumn, SpinnerColumn, TextColumn
     from rich.progress import Progress as Bars
@@ -132,11 +135,11 @@ def _live_bar(label: str) -> Iterator[ProgressView]:
     class Bar:
         def update(self, state: str, progress: Progress) -> None:
             speed = speedometer.rays_per_s(progress)
-            tiles = f"{progress.tiles_done}/{progress.tiles_total} tiles" if progress.tiles_total else ""
+            tiles = f"{progress.tiles_done}/{progress.tiles_total} {unit}" if progress.tiles_total else ""
             remaining = progress.eta_s if state == "rendering" else None
             bars.update(
                 task,
-                description=f"{label} {state}",
+                description=f"{label} {state}".strip(),
                 completed=1.0 if state == "succeeded" else progress.fraction,
                 tiles=tiles,
                 speed=format_count(speed, "rays/s") if speed else "",

@@ -37,7 +37,7 @@ def time_rows(report: Mapping[str, Any]) -> list[list[str]]:
         ("preparing the scene", preparing.get("total")),
         ("   reading models and textures", preparing.get("load")),
         ("   building the search tree", preparing.get("build")),
-        ("rendering, first to last tile", seconds.get("first_lease_to_last_tile")),
+        ("rendering, first to last tile", seconds.get("first_lease_to_last_tile", seconds.get("rendering"))),
         ("finishing the pictures", seconds.get("after_last_tile")),
         ("all", total),
     ]
