@@ -82,7 +82,7 @@ def test_asset_lies_beside_its_companions(farm: SmallFarm):
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in names.items()}
     for name, data in names.items():
         farm.store.put_asset(hashes[name], [data], 100)
-    companions = {"a/car.mtl": hashes["a/car.mtl"], "lost.png": None}
+    companions = {"a/car.mtl": hashes["a/car.mtl"]}
     assets = {"car": {"file": "car.obj", "sha256": hashes["car.obj"], "companions": companions}}
     job_id = farm.submit(width=16, height=16, assets=assets)
     tasks.prepare(farm.worker(), job_id)
