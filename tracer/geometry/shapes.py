@@ -118,6 +118,8 @@ def _cross_capped_cylinder(o: Vec3, d: Vec3) -> Crossings:
         far = math.inf
     else:
         side = cross_unit_tube(o, d)
+        if not side.t0 <= side.t1:  # passes by: the end planes must not be asked, since a NaN does not clip them
+            return Crossings(math.nan, math.nan)
         near = side.t0
         far = side.t1
     ends = _slab(2.0 * o.z - 1.0, 2.0 * d.z, near, far)
