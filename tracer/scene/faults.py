@@ -91,6 +91,12 @@ def is_text(value: str) -> bool:
     return True
 
 
+def quoted(text: str) -> str:
+    """Put a text in quotes, cut to 40 characters and always fit for UTF-8."""
+    short = text if len(text) <= 40 else text[:37] + "..."
+    return '"' + short.encode("utf-8", "backslashreplace").decode() + '"'
+
+
 def shown(value: object) -> str:
     """Name any value shortly, for messages: type for containers, the value itself for scalars."""
     if value is None:
@@ -98,8 +104,7 @@ def shown(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        short = value if len(value) <= 40 else value[:37] + "..."
-        return "the text " + '"' + short.encode("utf-8", "backslashreplace").decode() + '"'
+        return f"the text {quoted(value)}"
     if isinstance(value, float) and not math.isfinite(value):
         return "not a finite float64 number"
     if isinstance(value, int) and abs(value) >= 10**20:
@@ -118,7 +123,7 @@ def one_of(names: Iterable[str]) -> str:
     listed = sorted(names)
     if not listed:
         return "nothing: none is defined"
-    text = ", ".join(f'"{name}"' for name in listed[:24])
+    text = ", ".join(quoted(name) for name in listed[:24])
     if len(listed) > 24:
         text += f" and {len(listed) - 24} more"
     return text if len(listed) == 1 else "one of " + text
@@ -127,7 +132,7 @@ def one_of(names: Iterable[str]) -> str:
 def closest(name: str, names: Iterable[str]) -> str:
     """` (did you mean "x"?)` when a name comes close, else an empty text."""
     close = difflib.get_close_matches(name[:64], list(names)[:1000], n=1)
-    return f' (did you mean "{close[0]}"?)' if close else ""
+    return f" (did you mean {quoted(close[0])}?)" if close else ""
 
 
 def faults_error(faults: Sequence[Fault]) -> PydanticCustomError:

@@ -277,8 +277,23 @@ def test_mappings_with_what_json_cannot_say() -> None:
         | {"materials": {f"b{i}": {} for i in range(9999)}},
         {"materials": {f"a{i}": 3 for i in range(200_000)}},
         {"assets": {"a": {"file": "b", "companions": {f"a/{i}": None for i in range(1000)}}}},
+        {"assets": {"a": {"file": "b", "companions": {"/" * 1_000_000: None}}}},
+        {"materials": {"x" * 30_000_000: {f"k{i}": 0 for i in range(200)}}},
     ],
-    ids=["missing", "lists", "numbers", "rows", "texts", "members", "extra", "names", "materials", "companions"],
+    ids=[
+        "missing",
+        "lists",
+        "numbers",
+        "rows",
+        "texts",
+        "members",
+        "extra",
+        "names",
+        "materials",
+        "companions",
+        "slashes",
+        "key",
+    ],
 )
 def test_floods_are_refused_in_short_time(document: dict[str, Any]) -> None:
     start = time.process_time()
@@ -286,6 +301,7 @@ def test_floods_are_refused_in_short_time(document: dict[str, Any]) -> None:
         parse_scene({**MINIMAL, **document}, require_hashes=True)
     seconds = time.process_time() - start
     assert len(caught.value.faults) <= MAX_FAULTS
+    assert len(str(caught.value)) < 1_000_000
     assert seconds < 10.0, f"{seconds:.2f} s; 2 s are usual on a busy machine"
 
 
