@@ -4,8 +4,12 @@ Job: put settings, store, queue and routes together into one ASGI app.
 Invariant: nothing heavy is imported, not even lazily: numba, numpy, trimesh and OpenImageIO belong to workers.
 """
 
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+import asyncio
+import signal
+import threading
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from types import FrameType
 from typing import Any
 
 import structlog
@@ -19,6 +23,7 @@ from service.openapi import DESCRIPTION, build_openapi
 from service.routes import assets, events, jobs, pages, results, service
 from service.settings import ServiceSettings
 from service.version import VERSION
+from service.wakeups import Wakeups
 from worker.logs import configure_logs
 from worker.queue import Queue
 from worker.store import Store
@@ -47,7 +52,8 @@ def create_app(
     @asynccontextmanager
     async def live(_app: FastAPI) -> AsyncIterator[None]:
         context.wakeups.start()
-        log.info("service started", version=VERSION, store=str(context.store.root))
+        _end_streams_on_signals(context.wakeups)
+        log.info("service started", version=VERSION)
         yield
         await context.wakeups.stop()
         context.queue.close()
@@ -73,6 +79,30 @@ def create_app(
     app.add_middleware(SurroundMiddleware, metrics=context.metrics, allowed_hosts=settings.host_names())
     _serve_own_openapi(app, routes)
     return app
+
+
+def _end_streams_on_signals(wakeups: Wakeups) -> None:
+    """Let event streams and waiting requests end as soon as the server is told to stop.
+
+    The server waits for open connections before it tells the app that it stops, so without this every open stream
+    would hold up a restart until it is cut off.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return  # a server in a thread has no signals
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        before = signal.getsignal(number)
+        if not callable(before):
+            continue
+
+        def stop(
+            received: int, frame: FrameType | None, before: Callable[[int, FrameType | None], Any] = before
+        ) -> None:
+            with suppress(RuntimeError):  # the loop is closed already
+                loop.call_soon_threadsafe(wakeups.close)
+            before(received, frame)
+
+        signal.signal(number, stop)
 
 
 def _serve_own_openapi(app: FastAPI, routes: Sequence[BaseRoute]) -> None:

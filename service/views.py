@@ -47,8 +47,8 @@ def progress_view(progress: jobs.Progress) -> Progress:
     )
 
 
-def job_view(found: jobs.JobView) -> JobView:
-    """Return the body for a job."""
+def job_view(found: jobs.JobView, *, has_preview: bool) -> JobView:
+    """Return the body for a job; `has_preview` tells whether a job that runs has one already."""
     record, state = found.record, found.state
     url = job_url(record.id)
     done = state is JobState.SUCCEEDED
@@ -69,7 +69,7 @@ def job_view(found: jobs.JobView) -> JobView:
             cancel=None if state in TERMINAL or state is JobState.CANCELING else f"{url}/cancel",
             result_png=f"{url}/result.png" if done else None,
             result_exr=f"{url}/result.exr" if done else None,
-            preview_png=f"{url}/preview.png" if done else None,
+            preview_png=f"{url}/preview.png" if done or has_preview else None,
             report=f"{url}/report" if done else None,
         ),
     )
@@ -84,7 +84,12 @@ def _problem_view(problem: object) -> JobProblem:
 def read_snapshot(context: Context, job_id: str) -> Snapshot:
     """Return a job as it stands; `JobNotFoundError` where there is none."""
     found = jobs.view(context.store, context.reading_queue(), job_id)
-    return Snapshot(job_view(found), found.state in TERMINAL)
+    return Snapshot(_view(context, found), found.state in TERMINAL)
+
+
+def _view(context: Context, found: jobs.JobView) -> JobView:
+    runs = found.state in {JobState.RENDERING, JobState.ASSEMBLING}
+    return job_view(found, has_preview=runs and context.store.has_result(found.record.id, contract.PREVIEW_PNG))
 
 
 def event_view(event: JobEvent) -> EventView:
@@ -120,7 +125,7 @@ def read_page(context: Context, state: JobState | None, before: str | None, limi
                     continue
                 view = jobs.view(context.store, queue, job_id)
                 if view.record.owner == OWNER and state in {None, view.state}:
-                    found.append(job_view(view))
+                    found.append(_view(context, view))
         except (DamagedRecordError, OSError):
             log.exception("job cannot be read", job_id=job_id)
     return JobPage(jobs=found, next_cursor=None)

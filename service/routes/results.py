@@ -1,7 +1,7 @@
 """What a job leaves behind: its scene, pictures and report.
 
 Job: send files of the store with validators, digests and ranges.
-Invariant: a result is there only once the job has succeeded; before, 409 tells the state.
+Invariant: a result is there only once the job has succeeded; before, 409 tells the state. Only the preview comes early.
 Source: service.md, "HTTP".
 """
 
@@ -45,7 +45,8 @@ _BINARY = {"type": "string", "format": "binary"}
 def _open_result(context: Context, job_id: str, name: str) -> OpenFile:
     """Open a result; raises the 409 problem before there is one."""
     state = context.store.last_event(job_id).state
-    if state is JobState.SUCCEEDED:
+    # The preview grows while the job runs; the other files appear complete, with the last event.
+    if state is JobState.SUCCEEDED or (name == contract.PREVIEW_PNG and context.store.has_result(job_id, name)):
         try:
             return context.digests.open(context.store.result_path(job_id, name))
         except FileNotFoundError:
@@ -91,7 +92,7 @@ async def get_exr(request: Request, context: InContext, job_id: JobId) -> Respon
     "/preview.png", response_class=Response, summary="A small picture", responses=_file_answers("image/png", _BINARY)
 )
 async def get_preview(request: Request, context: InContext, job_id: JobId) -> Response:
-    """Return a preview of at most 512 pixels a side."""
+    """Return a preview of at most 512 pixels a side; before the end, of the rows done so far."""
     return await _answer(request, context, job_id, contract.PREVIEW_PNG, "image/png")
 
 

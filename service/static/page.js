@@ -34,6 +34,22 @@ function link(parent, href, text, name) {
   parent.append(anchor);
 }
 
+function showPreview(frame, job, name) {
+  // While the job runs, its preview grows; the tag makes the browser ask for it again.
+  const source = `${job.links.preview_png}?at=${job.progress.tiles_done}-${job.state}`;
+  let image = frame.querySelector("img");
+  if (!image) {
+    image = document.createElement("img");
+    image.loading = "lazy";
+    image.width = job.image.width;
+    image.height = job.image.height;
+    frame.replaceChildren(image);
+  }
+  const text = `Preview of ${name}`;
+  if (image.alt !== text) image.alt = text;
+  if (image.getAttribute("src") !== source) image.src = source;
+}
+
 function draw(job) {
   let card = cards.get(job.id);
   if (!card) {
@@ -66,17 +82,9 @@ function draw(job) {
   problem.hidden = !job.problem;
   if (job.problem) setText(problem, job.problem.detail || job.problem.title || "It failed.");
 
+  if (job.links.preview_png) showPreview(find(".frame"), job, name);
   if (card.dataset.drawn !== job.state) {
     card.dataset.drawn = job.state;
-    if (job.links.preview_png) {
-      const image = document.createElement("img");
-      image.src = job.links.preview_png;
-      image.alt = `Preview of ${name}`;
-      image.loading = "lazy";
-      image.width = job.image.width;
-      image.height = job.image.height;
-      find(".frame").replaceChildren(image);
-    }
     const links = find(".links");
     links.replaceChildren();
     if (job.links.result_png) link(links, job.links.result_png, "PNG", name);

@@ -127,3 +127,18 @@ def test_scene_is_the_canonical_document(farm: Farm) -> None:
     again = farm.client.get(f"/v1/jobs/{job_id}/scene", headers={"If-None-Match": answer.headers["ETag"]})
     assert again.status_code == 304
     assert farm.post(document).status_code == 202
+
+
+def test_the_preview_comes_early(farm: Farm) -> None:
+    job_id = farm.submit()
+    farm.move(job_id, *FLOW[:2])
+    assert farm.client.get(f"/v1/jobs/{job_id}").json()["links"]["preview_png"] is None
+    farm.store.result_path(job_id, "preview.png").write_bytes(PNG)
+    link = farm.client.get(f"/v1/jobs/{job_id}").json()["links"]["preview_png"]
+    first = farm.client.get(link)
+    assert first.content == PNG
+    farm.store.result_path(job_id, "preview.png").write_bytes(PNG + b"more")
+    second = farm.client.get(link, headers={"If-None-Match": first.headers["ETag"]})
+    assert second.status_code == 200
+    assert second.content == PNG + b"more"
+    assert_problem(farm.client.get(f"/v1/jobs/{job_id}/result.png"), 409, "result-not-ready")
