@@ -1,8 +1,9 @@
 """Materials and images of glTF files, in the terms of the report's equation 9.
 
-A metal-rough material becomes a diffuse part, (1 - metallic) of the base colour, and a highlight of the reflectance at
-normal incidence, with the Blinn-Phong exponent 2 / roughness^4 - 2 that has the width of the file's GGX lobe (Walter et
-al., Microfacet Models for Refraction, 2007, section 5.2). Textures other than the base colour have no counterpart.
+The highlight has the reflectance at normal incidence and the Blinn-Phong exponent 2 / roughness^4 - 2, whose width is
+that of the file's GGX lobe (Walter et al., Microfacet Models for Refraction, 2007, section 5.2). A metal has no diffuse
+part of its own, but it reflects its surroundings, which eq. 14 can only do as a mirror: so the share metallic x (1 -
+roughness) of the base colour mirrors, and the rest is diffuse. Textures other than the base colour have no counterpart.
 
 Invariant: an image is decoded once, and only when a material of the drawn parts uses it.
 """
@@ -62,6 +63,7 @@ class GltfMaterials:
         transmission = _unit(extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0))
         strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
         base = (red, green, blue)
+        mirror = metallic * (1.0 - roughness)
         opacity = (alpha if source.get("alphaMode") == "BLEND" else 1.0) * (1.0 - transmission)
         if source.get("alphaMode") == "MASK":
             self._file.warn("cut-out materials are drawn whole")
@@ -71,7 +73,8 @@ class GltfMaterials:
             emissive = [0.0, 0.0, 0.0]
         material = FileMaterial(
             name=str(source.get("name", "")),
-            kd=_rgb([channel * (1.0 - metallic) for channel in base]),
+            kd=_rgb([channel * (1.0 - mirror) for channel in base]),
+            kr=_rgb([channel * mirror for channel in base]),
             ks=_rgb([dielectric * (1.0 - metallic) + channel * metallic for channel in base]),
             exponent=min(max(2.0 / roughness**4 - 2.0, 1.0), _MAX_EXPONENT),
             ke=_rgb([channel * strength for channel in emissive]),

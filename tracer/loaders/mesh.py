@@ -24,6 +24,7 @@ class FileMaterial(NamedTuple):
     ks: tuple[float, float, float] = (0.0, 0.0, 0.0)
     exponent: float = 100.0
     ke: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    kr: tuple[float, float, float] = (0.0, 0.0, 0.0)
     eta: float = 1.0
     opacity: float = 1.0  # kt = 1 - opacity
     image: int = -1  # index of `MeshData.images`, or -1

@@ -50,13 +50,14 @@ class HasArithmetic(Protocol):
 
 @lru_cache(maxsize=1)
 def builder_version() -> str:
-    """Hash of all sources that decide a compiled scene, and of the libraries that read models."""
+    """Hash of the tracer's sources, and of the versions of the libraries that read models.
+
+    All sources, because a list of those that matter would one day lack one. Takes 5 ms, once a process.
+    """
     folder = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for entry in _BUILDER_SOURCES:
-        path = folder / entry
-        for source in [path] if path.is_file() else sorted(path.glob("**/*.py")):
-            digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for source in sorted(folder.glob("**/*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     for package in ("numpy", "trimesh", "Pillow", "mapbox-earcut"):
         digest.update(f"{package} {metadata.version(package)}\n".encode())
     return digest.hexdigest()[:16]

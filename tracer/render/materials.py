@@ -140,6 +140,7 @@ class MaterialTable:
         numbers[MATERIAL_KA : MATERIAL_KA + 3] = np.array(material.kd) * opacity
         numbers[MATERIAL_KS : MATERIAL_KS + 3] = material.ks
         numbers[MATERIAL_KE : MATERIAL_KE + 3] = material.ke
+        numbers[MATERIAL_KR : MATERIAL_KR + 3] = material.kr
         numbers[MATERIAL_KT : MATERIAL_KT + 3] = 1.0 - opacity
         numbers[MATERIAL_EXPONENT] = min(max(material.exponent, 0.0), MAX_EXPONENT)
         numbers[MATERIAL_ETA] = min(max(material.eta, MIN_ETA), MAX_ETA)

@@ -126,6 +126,17 @@ def test_materials_and_images(tmp_path):
     assert mesh.warnings == ()
 
 
+def test_metal(tmp_path):
+    model = Gltf().with_triangle()
+    model.primitive["material"] = 0
+    factors = {"baseColorFactor": [1, 0.5, 0, 1], "metallicFactor": 1, "roughnessFactor": 0.25}
+    model.tree["materials"] = [{"pbrMetallicRoughness": factors}]
+    (material,) = _load(tmp_path, model).materials
+    assert material.kr == (0.75, 0.375, 0)
+    assert material.kd == (0.25, 0.125, 0)
+    assert material.ks == (1, 0.5, 0)
+
+
 def test_glass(tmp_path):
     model = Gltf().with_triangle()
     model.primitive["material"] = 0
