@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.data import DATA
-from tracer.render import get_backend, render_scene
+from tracer.render import Film, get_backend, list_blocks, render_scene
 from tracer.scene import AssetRef, parse_scene
 from tracer.types import BLOCK_PX, CompiledScene
 
@@ -27,9 +27,9 @@ def resolver(folder: Path) -> Any:
     return resolve
 
 
-def render_pixels(doc: Mapping[str, Any], folder: Path = Path()) -> NDArray[np.float32]:
-    """Return the film of a scene document, float32 (height, width, 3), linear."""
-    return render_scene(parse_scene(doc), resolver(folder)).pixels
+def render_film(doc: Mapping[str, Any], folder: Path = Path()) -> Film:
+    """Return the film of a scene document: pixels float32 (height, width, 3), linear; kernel_s in CPU seconds."""
+    return render_scene(parse_scene(doc), resolver(folder), threads=2)
 
 
 def compile_document(doc: Mapping[str, Any], folder: Path = Path()) -> CompiledScene:
@@ -40,7 +40,7 @@ def compile_document(doc: Mapping[str, Any], folder: Path = Path()) -> CompiledS
 def render_sums(compiled: CompiledScene, width: int, height: int, samples: int) -> tuple[NDArray[np.float64], float]:
     """Return the mean of the samples, float64 (height, width, 3), and the CPU seconds of this thread's kernel."""
     columns, rows = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
-    blocks = np.array([(x, y) for y in range(rows) for x in range(columns)], dtype=np.int32)
+    blocks = list_blocks(compiled)
     start = time.thread_time()
     film = get_backend().render(compiled, blocks, (0, samples), np.zeros(1, dtype=np.int64))
     seconds = time.thread_time() - start
