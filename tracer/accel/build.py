@@ -109,6 +109,18 @@ def _partition(
 
 
 @kernel
+def _sort_ascending(ids: NDArray[np.int32], first: int, end: int) -> None:
+    """Sort the few ids of a leaf."""
+    for k in range(first + 1, end):
+        value = ids[k]
+        j = k
+        while j > first and ids[j - 1] > value:
+            ids[j] = ids[j - 1]
+            j -= 1
+        ids[j] = value
+
+
+@kernel
 def _build(
     bounds: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32], int]:
@@ -171,7 +183,7 @@ def _build(
             if leaf:
                 children[node, 2 * child] = begin
                 children[node, 2 * child + 1] = count if count > 0 else -1
-                ids[begin:stop] = np.sort(ids[begin:stop])
+                _sort_ascending(ids, begin, stop)
             else:
                 children[node, 2 * child] = n_nodes
                 children[node, 2 * child + 1] = 0

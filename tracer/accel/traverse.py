@@ -14,6 +14,8 @@ Sources: Kay and Kajiya 1986; Pharr et al. 6.8.2; Williams et al. 2005 (signs), 
 import math
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from tracer.geometry.quadric import Crossings
 from tracer.geometry.rounding import gamma
 from tracer.geometry.shapes import cross_plane, cross_shape, transform
@@ -25,7 +27,7 @@ from tracer.types import MATERIAL_KT, N_MATERIAL, SceneView, Vec3
 # Roundings that the padding of boxes covers, as a multiple of eps times the distance from the origin to the farthest corner of
 # the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex (coordinate difference, slope, product, sum, and
 # the slope again along z), the rest for the affine maps of shapes. It is 1e-14 of the scene: no box is visited for it.
-_PAD_ROUNDINGS: Final = 64
+_PAD: Final = gamma(64)
 
 
 class Slabs(NamedTuple):
@@ -68,7 +70,7 @@ def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
     reach_x = max(abs(root[0] - o.x), abs(root[3] - o.x))
     reach_y = max(abs(root[1] - o.y), abs(root[4] - o.y))
     reach_z = max(abs(root[2] - o.z), abs(root[5] - o.z))
-    pad = gamma(_PAD_ROUNDINGS) * max(reach_x, max(reach_y, reach_z))
+    pad = _PAD * max(reach_x, max(reach_y, reach_z))
     pad_x = math.copysign(pad, d.x)
     pad_y = math.copysign(pad, d.y)
     pad_z = math.copysign(pad, d.z)
@@ -144,8 +146,8 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
         Scratch.
     """
     best_t = math.inf
-    best = -1
-    best_slot = -1
+    best = np.int64(-1)  # not a literal: numba would compile a copy of what it is handed to
+    best_slot = np.int64(-1)
     best_v = 0.0
     best_w = 0.0
     if not is_valid_ray(o, d):
@@ -161,9 +163,9 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
         return Hit(best_t, best, best_slot, best_v, best_w)
     shear = shear_ray(o, d)
     slabs = make_slabs(view.bvh_root, o, d)
-    top = 0
-    node = 0
-    count = 0
+    top = np.int64(0)
+    node = np.int64(0)
+    count = np.int64(0)
     while True:
         if count == 0:
             # Test both children; go on with the nearer one and keep the other.
@@ -175,25 +177,25 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
             hit1 = t1 >= 0.0
             if hit0 and hit1:
                 if t1 < t0:
-                    stack[top] = (int(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
+                    stack[top] = (np.int64(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
                     stack_t[top] = t0
                     j += 2
                 else:
-                    stack[top] = (int(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
                     stack_t[top] = t1
                 top += 1
-                node = int(view.bvh_children[j])
-                count = int(view.bvh_children[j + 1])
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
                 continue
             if hit0 or hit1:
                 if hit1:
                     j += 2
-                node = int(view.bvh_children[j])
-                count = int(view.bvh_children[j + 1])
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
                 continue
         else:
             for slot in range(node, node + count):
-                primitive = int(view.bvh_slots[slot])
+                primitive = np.int64(view.bvh_slots[slot])
                 if primitive < view.n_triangles:
                     hit = intersect_triangle(view.bvh_vertices, slot, shear)
                     if _is_nearer(hit.t, primitive, best_t, best) and primitive != skip:
@@ -224,10 +226,10 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
 def material_of(view: SceneView, primitive: int) -> int:
     """Row of the primitive's material."""
     if primitive < view.n_triangles:
-        return int(view.face_material[primitive])
+        return np.int64(view.face_material[primitive])
     if primitive < view.n_triangles + view.n_shapes:
-        return int(view.shape_material[primitive - view.n_triangles])
-    return int(view.plane_material[primitive - view.n_triangles - view.n_shapes])
+        return np.int64(view.shape_material[primitive - view.n_triangles])
+    return np.int64(view.plane_material[primitive - view.n_triangles - view.n_shapes])
 
 
 @inline
@@ -241,7 +243,7 @@ def is_opaque(view: SceneView, material: int) -> bool:
 def hits_occluder(view: SceneView, slot: int, o: Vec3, d: Vec3, t_max: float, skip: int, shear: Shear) -> bool:
     """Tell whether the (opaque) triangle in a slot lies in 0 < t < t_max."""
     t = intersect_triangle(view.bvh_vertices, slot, shear).t
-    return 0.0 < t < t_max and int(view.bvh_slots[slot]) != skip
+    return 0.0 < t < t_max and np.int64(view.bvh_slots[slot]) != skip
 
 
 class Shadow(NamedTuple):
@@ -279,7 +281,7 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
     for k in range(view.n_planes):
         t = cross_plane(at(view.plane_point, 3 * k), at(view.plane_normal, 3 * k), o, d)
         if 0.0 < t < t_max and first_plane + k != skip:
-            i = N_MATERIAL * int(view.plane_material[k]) + MATERIAL_KT
+            i = N_MATERIAL * np.int64(view.plane_material[k]) + MATERIAL_KT
             red *= view.materials[i]
             green *= view.materials[i + 1]
             blue *= view.materials[i + 2]
@@ -289,9 +291,9 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
     if occluder >= 0 and hits_occluder(view, occluder, o, d, t_max, skip, shear):
         return Shadow(0.0, 0.0, 0.0, occluder, True)
     slabs = make_slabs(view.bvh_root, o, d)
-    top = 0
-    node = 0
-    count = 0
+    top = np.int64(0)
+    node = np.int64(0)
+    count = np.int64(0)
     while True:
         if count == 0:
             i = 12 * node
@@ -300,18 +302,18 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
             j = 4 * node
             if hit0:
                 if hit1:
-                    stack[top] = (int(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
                     top += 1
-                node = int(view.bvh_children[j])
-                count = int(view.bvh_children[j + 1])
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
                 continue
             if hit1:
-                node = int(view.bvh_children[j + 2])
-                count = int(view.bvh_children[j + 3])
+                node = np.int64(view.bvh_children[j + 2])
+                count = np.int64(view.bvh_children[j + 3])
                 continue
         else:
             for slot in range(node, node + count):
-                primitive = int(view.bvh_slots[slot])
+                primitive = np.int64(view.bvh_slots[slot])
                 crossed = 0
                 if primitive < view.n_triangles:
                     t = intersect_triangle(view.bvh_vertices, slot, shear).t

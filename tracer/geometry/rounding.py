@@ -17,9 +17,8 @@ _SPLITTER: Final = 134217729.0  # 2^27 + 1, Veltkamp's constant for 53 bits
 _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 
-@inline
 def gamma(n: int) -> float:
-    """Bound the relative error of ``n`` roundings in a row: n eps / (1 - n eps)."""
+    """Bound the relative error of ``n`` roundings in a row: n eps / (1 - n eps). For module constants, not for kernels."""
     return n * EPSILON / (1.0 - n * EPSILON)
 
 

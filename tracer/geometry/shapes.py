@@ -8,7 +8,7 @@ Sources: :mod:`tracer.geometry.quadric`; Pharr et al., "Physically Based Renderi
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from tracer.geometry.quadric import Crossings, cross_unit_sphere, cross_unit_tube
 from tracer.geometry.rounding import gamma
@@ -22,6 +22,10 @@ from tracer.types import (
     SHAPE_SPHERE,
     Vec3,
 )
+
+_GAMMA_7: Final = gamma(7)
+_GAMMA_8: Final = gamma(8)
+_GAMMA_16: Final = gamma(16)
 
 
 class SurfacePoint(NamedTuple):
@@ -206,11 +210,10 @@ def locate_on_shape(
     # itself rounded, which |M| |M^-1| magnifies.
     size = _transform_absolute(to_world, i, local)
     spread = _transform_absolute(to_world, i, _transform_absolute(to_local, i, size))
-    g = gamma(16)
     error = Vec3(
-        g * (abs(origin.x) + size.x + spread.x),
-        g * (abs(origin.y) + size.y + spread.y),
-        g * (abs(origin.z) + size.z + spread.z),
+        _GAMMA_16 * (abs(origin.x) + size.x + spread.x),
+        _GAMMA_16 * (abs(origin.y) + size.y + spread.y),
+        _GAMMA_16 * (abs(origin.z) + size.z + spread.z),
     )
     return SurfacePoint(position, error, normalize(transform_transposed(to_local, i, normal)), u, v)
 
@@ -224,9 +227,10 @@ def locate_on_plane(point: Vec3, normal: Vec3, uv: Any, i: int, o: Vec3, d: Vec3
     p = Vec3(p.x - height * normal.x, p.y - height * normal.y, p.z - height * normal.z)
     # The height is known to gamma(5) of the sum below; the subtraction and p itself round once more.
     lever = abs(offset.x * normal.x) + abs(offset.y * normal.y) + abs(offset.z * normal.z)
-    g = gamma(8)
     error = Vec3(
-        g * (abs(p.x) + abs(point.x) + lever), g * (abs(p.y) + abs(point.y) + lever), g * (abs(p.z) + abs(point.z) + lever)
+        _GAMMA_8 * (abs(p.x) + abs(point.x) + lever),
+        _GAMMA_8 * (abs(p.y) + abs(point.y) + lever),
+        _GAMMA_8 * (abs(p.z) + abs(point.z) + lever),
     )
     offset = subtract(p, point)
     u = uv[i] * offset.x + uv[i + 1] * offset.y + uv[i + 2] * offset.z
@@ -252,12 +256,11 @@ def locate_on_triangle(positions: Any, i0: int, i1: int, i2: int, b1: float, b2:
     )
     # gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this triangle's and its
     # neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the world's origin.
-    g7 = gamma(7)
-    reach = gamma(8) * extent
+    reach = _GAMMA_8 * extent
     error = Vec3(
-        g7 * (abs(b0 * p0.x) + abs(b1 * p1.x) + abs(b2 * p2.x)) + reach,
-        g7 * (abs(b0 * p0.y) + abs(b1 * p1.y) + abs(b2 * p2.y)) + reach,
-        g7 * (abs(b0 * p0.z) + abs(b1 * p1.z) + abs(b2 * p2.z)) + reach,
+        _GAMMA_7 * (abs(b0 * p0.x) + abs(b1 * p1.x) + abs(b2 * p2.x)) + reach,
+        _GAMMA_7 * (abs(b0 * p0.y) + abs(b1 * p1.y) + abs(b2 * p2.y)) + reach,
+        _GAMMA_7 * (abs(b0 * p0.z) + abs(b1 * p1.z) + abs(b2 * p2.z)) + reach,
     )
     normal = normalize(
         Vec3(e1.y * e2.z - e1.z * e2.y, e1.z * e2.x - e1.x * e2.z, e1.x * e2.y - e1.y * e2.x)

@@ -16,6 +16,8 @@ Source: [farmer2019 eq. 9-18].
 
 from typing import Final
 
+import numpy as np
+
 from tracer.accel.traverse import closest_hit, transmit
 from tracer.geometry.vector import add, at, dot, is_black, largest, multiply, negate, scale
 from tracer.integrators.scratch import PENDING_COLUMNS, PENDING_DEPTH, PENDING_MATERIAL, PENDING_SKIP, Scratch
@@ -115,7 +117,7 @@ def _light_surface(view: SceneView, surface: Surface, n: Vec3, v: Vec3, scratch:
             origin = offset_origin(surface.position, surface.error, surface.geometric, sight.to_light)
             direction, t_max = shadow_ray(view.lights, kind, light, origin)
             shadow = transmit(
-                view, origin, direction, t_max, surface.skip, int(scratch.occluders[light]), scratch.stack
+                view, origin, direction, t_max, surface.skip, np.int64(scratch.occluders[light]), scratch.stack
             )
             scratch.occluders[light] = shadow.occluder
             if shadow.from_cache:
@@ -187,10 +189,10 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
     o = origin
     d = direction
     throughput = Vec3(1.0, 1.0, 1.0)
-    depth = 0
-    skip = -1
-    from_material = -1
-    top = 0
+    depth = np.int64(0)
+    skip = np.int64(-1)  # not literals: numba would compile a copy of what they are handed to
+    from_material = np.int64(-1)
+    top = np.int64(0)
     while True:
         hit = closest_hit(view, o, d, skip, scratch.stack, scratch.stack_t)
         if from_material >= 0:  # the distance travelled is known only now
@@ -217,13 +219,13 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
                 through, u_t = refract_direction(d, facing, eta if behind else 1.0 / eta)
                 if through:
                     weight = weigh_transmitted(kt, throughput, 1.0)
-                    top = _push(view, scratch, top, surface, u_t, weight, depth + 1, _TRANSMISSION_RAYS)
+                    top = _push(view, scratch, top, surface, u_t, weight, depth + 1, np.int64(_TRANSMISSION_RAYS))
                 else:
                     mirrored = add(kr, kt)
             if not is_black(mirrored):
                 weight = weigh_reflected(mirrored, throughput, 1.0)
                 u_r = reflect_direction(d, n)
-                top = _push(view, scratch, top, surface, u_r, weight, depth + 1, _REFLECTION_RAYS)
+                top = _push(view, scratch, top, surface, u_r, weight, depth + 1, np.int64(_REFLECTION_RAYS))
         if top == 0:
             return total
         top -= 1
@@ -231,6 +233,6 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
         o = at(scratch.pending, i)
         d = at(scratch.pending, i + 3)
         throughput = at(scratch.pending, i + 6)
-        depth = int(scratch.pending[i + PENDING_DEPTH])
-        from_material = int(scratch.pending[i + PENDING_MATERIAL])
-        skip = int(scratch.pending[i + PENDING_SKIP])
+        depth = np.int64(scratch.pending[i + PENDING_DEPTH])
+        from_material = np.int64(scratch.pending[i + PENDING_MATERIAL])
+        skip = np.int64(scratch.pending[i + PENDING_SKIP])

@@ -110,8 +110,8 @@ def render_blocks(
     may_skip = settings[SETTING_SKIP] != 0 and view.n_planes == 0
     half_size = BLOCK_PX * BLOCK_PX * 3
     for block in range(blocks.shape[0]):
-        x0 = BLOCK_PX * int(where[2 * block])
-        y0 = BLOCK_PX * int(where[2 * block + 1])
+        x0 = BLOCK_PX * np.int64(where[2 * block])
+        y0 = BLOCK_PX * np.int64(where[2 * block + 1])
         # Each block starts with an empty occluder cache, so that its counters do not depend on what was rendered before.
         for light in range(view.n_lights):
             scratch.occluders[light] = -1

@@ -180,6 +180,4 @@ def render_scene(
         compiled, stats = compile_scene(scene, assets)
     else:
         compiled, stats = compile_cached(scene, assets, cache_dir, backend)
-    return render_compiled(
-        compiled, stats=stats, cancel=cancel, progress=progress, threads=threads, backend=backend
-    )
+    return render_compiled(compiled, stats=stats, cancel=cancel, progress=progress, threads=threads, backend=backend)

@@ -1,7 +1,7 @@
 """Lights as a surface point sees them."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from tracer.geometry.rounding import gamma
 from tracer.geometry.vector import at, length, scale, subtract
@@ -16,6 +16,8 @@ from tracer.types import (
     N_LIGHT,
     Vec3,
 )
+
+_BEFORE_LIGHT: Final = 1.0 - gamma(64)
 
 
 class LightSight(NamedTuple):
@@ -59,4 +61,4 @@ def shadow_ray(lights: Any, kind: int, light: int, origin: Vec3) -> tuple[Vec3, 
     if kind == LIGHT_KIND_DIRECTIONAL:
         d = at(lights, N_LIGHT * light + LIGHT_DIRECTION)
         return Vec3(-d.x, -d.y, -d.z), math.inf
-    return subtract(at(lights, N_LIGHT * light + LIGHT_POSITION), origin), 1.0 - gamma(64)
+    return subtract(at(lights, N_LIGHT * light + LIGHT_POSITION), origin), _BEFORE_LIGHT

@@ -74,7 +74,7 @@ def weigh_transmitted(kt: Vec3, radiance: Vec3, factor: float) -> Vec3:
 
 @inline
 def half_vector(to_light: Vec3, to_viewer: Vec3) -> Vec3:
-    """h = (l + v) / |l + v| [farmer2019 eq. 16]; zero when l = -v."""
+    """H = (l + v) / |l + v| [farmer2019 eq. 16]; zero when l = -v."""
     return normalize(add(to_light, to_viewer))
 
 

@@ -6,6 +6,8 @@ u grows to the right and v upwards; row 0 of an image is its top row; texel cent
 import math
 from typing import Any
 
+import numpy as np
+
 from tracer.geometry.vector import at
 from tracer.jit import inline, kernel
 from tracer.types import FILTER_BILINEAR, N_TEXTURE, TEXTURE_HEIGHT, TEXTURE_OFFSET, TEXTURE_WIDTH, WRAP_REPEAT, Vec3
@@ -44,19 +46,19 @@ def sample_texture(textures: Any, texels: Any, texture: int, wrap: int, filterin
     u, v
         Texture coordinates, finite.
     """
-    offset = int(textures[N_TEXTURE * texture + TEXTURE_OFFSET])
-    width = int(textures[N_TEXTURE * texture + TEXTURE_WIDTH])
-    height = int(textures[N_TEXTURE * texture + TEXTURE_HEIGHT])
+    offset = np.int64(textures[N_TEXTURE * texture + TEXTURE_OFFSET])
+    width = np.int64(textures[N_TEXTURE * texture + TEXTURE_WIDTH])
+    height = np.int64(textures[N_TEXTURE * texture + TEXTURE_HEIGHT])
     x = wrap_coordinate(u, wrap) * width
     y = wrap_coordinate(1.0 - v, wrap) * height
     if filtering != FILTER_BILINEAR:
-        column = wrap_index(int(x), width, wrap)
-        row = wrap_index(int(y), height, wrap)
+        column = wrap_index(np.int64(x), width, wrap)
+        row = wrap_index(np.int64(y), height, wrap)
         return at(texels, 3 * (offset + row * width + column))
     x -= 0.5
     y -= 0.5
-    left = int(math.floor(x))
-    top = int(math.floor(y))
+    left = np.int64(math.floor(x))
+    top = np.int64(math.floor(y))
     fx = x - left
     fy = y - top
     column0 = wrap_index(left, width, wrap)
