@@ -12,7 +12,7 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -44,8 +44,13 @@ _MIN_CACHED_BVH_TRIANGLES: Final = 2_000
 class HasArithmetic(Protocol):
     """What the cache asks of a backend."""
 
-    name: str
-    arithmetic: str
+    @property
+    def name(self) -> str:
+        """Name of the backend."""
+
+    @property
+    def arithmetic(self) -> str:
+        """Class of its arithmetic."""
 
 
 @lru_cache(maxsize=1)
@@ -133,7 +138,7 @@ def _open_scene(path: Path) -> tuple[CompiledScene, CompileStats] | None:
         check_layout(compiled)
         stats: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in meta["stats"].items()}
         found = CompileStats(**{**stats, "from_cache": True})
-    except (FileNotFoundError, ArrayFileError, KeyError, TypeError, ValueError):
+    except (OSError, ArrayFileError, KeyError, TypeError, ValueError):
         return None
     with suppress(OSError):
         os.utime(path)  # `trim_cache` lets go of what was not used for the longest time
@@ -151,7 +156,7 @@ def _bvh_builder(folder: Path) -> Callable[..., Bvh]:
             digest.update(f"{array.dtype.str} {array.shape}\n".encode())
             digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
         path = folder / f"{digest.hexdigest()}.arrays"
-        with suppress(FileNotFoundError, ArrayFileError, TypeError):
+        with suppress(OSError, ArrayFileError, TypeError):
             bvh = Bvh(**load_arrays(path)[0])
             with suppress(OSError):
                 os.utime(path)
@@ -167,10 +172,14 @@ def _bvh_builder(folder: Path) -> Callable[..., Bvh]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock between processes; the kernel lets go of it when its holder dies."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    """Hold an exclusive lock between processes; the kernel lets go of it when its holder dies.
+
+    Where no lock can be had (a folder that cannot be written), work is done twice, and nothing else is lost.
+    """
+    with ExitStack() as stack:
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            fcntl.flock(stack.enter_context(path.open("ab")), fcntl.LOCK_EX)
         yield
 
 

@@ -108,7 +108,7 @@ class SceneFiles:
                 self._meshes[ref.name] = open_mesh(path)
             else:
                 self._images[ref.name] = open_image(path)
-        except (FileNotFoundError, ArrayFileError, KeyError):
+        except (OSError, ArrayFileError, KeyError):
             return False
         return True
 
