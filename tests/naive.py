@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-# Rays are traced in groups of this size only to bound memory and stay in cache: 16,384 doubles are 128 KiB.
-CHUNK = 16384
+# Rays are traced in groups of this size only to bound memory and stay in cache: 32,768 doubles are 256 KiB.
+CHUNK = 32768
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -162,10 +162,11 @@ class Material:
     two_sided: bool = True
 
     def attenuate(self, distance):
-        """1 / (a + b D + c D^2); light from infinitely far away has no distance: 1/a."""
+        """1 / (a + b D + c D^2); what comes from infinitely far away has no distance: 1/a, and with a = 0 nothing."""
         a, b, c = self.attenuation
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 1.0 / np.where(np.isinf(distance), a, a + b * distance + c * distance * distance)
+            near = 1.0 / (a + b * distance + c * distance * distance)
+        return np.where(np.isinf(distance), 1.0 / a if a > 0.0 else 0.0, near)
 
 
 @dataclasses.dataclass
@@ -292,9 +293,9 @@ def transmittance(scene, o, d, t_max):
     if not scene.shadows:
         return light
     for primitive in scene.primitives:
-        crossings = primitive.crossings(o, d, scene.t_min, t_max)
-        if crossings.any():
-            light *= np.power(vec(primitive.material.kt), crossings)
+        (lit,) = np.nonzero(light.any(axis=0))  # what is black stays black
+        crossings = primitive.crossings(o[:, lit], d[:, lit], scene.t_min, t_max)
+        light[:, lit] *= np.power(vec(primitive.material.kt), crossings)
     return light
 
 
@@ -330,15 +331,17 @@ def shade(scene, material, at, d, depth):
     for light in scene.lights:
         color = color + ka * vec(light.ambient)  # eq. 10
         to_light, t_max, light_distance = light.towards(at.point)
-        strength = material.attenuate(light_distance) * light.cone(to_light)
-        strength = strength * transmittance(scene, at.point, to_light, t_max)
+        n_dot_l = dot(normal, unit(to_light))
+        (lit,) = np.nonzero(n_dot_l > 0.0)
+        strength = np.zeros_like(color)
+        strength[:, lit] = transmittance(scene, at.point[:, lit], to_light[:, lit], t_max)
+        strength = strength * material.attenuate(light_distance) * light.cone(to_light)
         to_light = unit(to_light)
-        n_dot_l = dot(normal, to_light)
         half_way = unit(to_light + view)  # eq. 16
         highlight = np.maximum(0.0, dot(normal, half_way)) ** material.exponent
-        lit = kd * vec(light.diffuse) * n_dot_l  # eq. 11
-        lit = lit + ks * vec(light.specular) * highlight  # eq. 12
-        color = color + np.where(n_dot_l > 0.0, strength * lit, 0.0)
+        reflected = kd * vec(light.diffuse) * n_dot_l  # eq. 11
+        reflected = reflected + ks * vec(light.specular) * highlight  # eq. 12
+        color = color + strength * reflected
 
     if depth < scene.max_depth:
         if any(material.kr):  # eq. 14

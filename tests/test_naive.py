@@ -170,6 +170,13 @@ def test_lambert_and_one_over_a():
     assert center(doc) == pytest.approx(np.array([1, 2, 3]) * 0.5 * math.cos(1.0) / 4, rel=1e-14)
 
 
+def test_without_a_constant_term_nothing_comes_from_infinity():
+    doc = document(
+        lights=[SUN], background=1.0, materials=material(kd=1.0, kr=1.0, attenuation={"a": 0, "b": 1, "c": 0})
+    )
+    assert center(doc).tolist() == [0, 0, 0]
+
+
 def test_point_light_attenuation():
     lamp = {"type": "point", "position": [0, 3, 3]}  # distance 5 from (0, 0, -1), cosine 4/5
     doc = document(lights=[lamp], materials=material(kd=1.0, attenuation={"a": 1, "b": 2, "c": 3}))

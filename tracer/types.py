@@ -28,7 +28,7 @@ COUNTERS: Final[tuple[str, ...]] = (
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
     "transmission_rays",  # rays traced along eq. 18
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
-    "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside a spot's cone, black kd and ks)
+    "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
     "occluder_cache_hits",  # shadow rays ended by the occluder that ended the one before
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
@@ -200,6 +200,51 @@ class CompiledScene(NamedTuple):
     bvh_vertices: NDArray[np.float64]  # (nt + ns, 9) the slot's triangle, vertices in lexicographic order; 0 for shapes
     bvh_corners: NDArray[np.int8]  # (nt + ns, 3) corner of the face that each sorted vertex is
     bvh_root: NDArray[np.float64]  # (2, 3) bounds of all finite primitives; (+inf, -inf) when there are none
+
+
+class SceneView(NamedTuple):
+    """The compiled scene inside a kernel: flat pointers (see :func:`tracer.jit.pointer`) and the lengths.
+
+    Fields are named as in :class:`CompiledScene`; element ``[row, column]`` is ``field[n_columns * row + column]``.
+    """
+
+    settings: NDArray[np.int64]
+    limits: NDArray[np.float64]
+    camera: NDArray[np.float64]
+    background: NDArray[np.float64]
+    ambient: NDArray[np.float64]
+    vertex_positions: NDArray[np.float64]
+    vertex_normals: NDArray[np.float64]
+    vertex_uvs: NDArray[np.float64]
+    vertex_colors: NDArray[np.float64]
+    face_vertices: NDArray[np.int32]
+    face_material: NDArray[np.int32]
+    face_flags: NDArray[np.uint8]
+    shape_kind: NDArray[np.int32]
+    shape_material: NDArray[np.int32]
+    shape_origin: NDArray[np.float64]
+    shape_to_world: NDArray[np.float64]
+    shape_to_local: NDArray[np.float64]
+    plane_point: NDArray[np.float64]
+    plane_normal: NDArray[np.float64]
+    plane_uv: NDArray[np.float64]
+    plane_material: NDArray[np.int32]
+    materials: NDArray[np.float64]
+    material_flags: NDArray[np.int32]
+    textures: NDArray[np.int64]
+    texels: NDArray[np.float32]
+    lights: NDArray[np.float64]
+    light_kind: NDArray[np.int32]
+    bvh_bounds: NDArray[np.float64]
+    bvh_children: NDArray[np.int32]
+    bvh_slots: NDArray[np.int32]
+    bvh_vertices: NDArray[np.float64]
+    bvh_corners: NDArray[np.int8]
+    bvh_root: NDArray[np.float64]
+    n_triangles: int
+    n_shapes: int
+    n_planes: int
+    n_lights: int
 
 
 class FilmBlocks(NamedTuple):

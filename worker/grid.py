@@ -7,10 +7,10 @@ bytes of the picture do not depend on the tile size.
 Source: architecture.md, "Blocks, not tiles, decide".
 """
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from worker.contract import BLOCK_PX
+from worker.records import JobRecord
 
 
 class Rect(NamedTuple):
@@ -83,6 +83,6 @@ class TileGrid(NamedTuple):
         return [(bx, by) for by in rows for bx in columns]
 
 
-def grid_of(fields: Mapping[str, Any]) -> TileGrid:
-    """Return the grid from the members x, y, width, height, tile_size of a plan."""
-    return TileGrid(*(int(fields[name]) for name in TileGrid._fields))
+def grid_of(record: JobRecord) -> TileGrid:
+    """Return the grid of a job: a pure function of what was accepted, so every process agrees on it."""
+    return TileGrid(record.x, record.y, record.crop_width, record.crop_height, int(record.output["tile_size"]))

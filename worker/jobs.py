@@ -23,7 +23,8 @@ from worker.grid import TileGrid
 from worker.queue import IndexProgress, Queue
 from worker.records import JobEvent, JobRecord, new_job_id, now, seconds_between
 from worker.states import TERMINAL, JobState, allowed_from
-from worker.store import Store, hash_key
+from worker.store import Store
+from worker.uploads import hash_key
 
 if TYPE_CHECKING:
     from tracer.scene import SceneDoc

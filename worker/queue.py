@@ -8,26 +8,21 @@ Source: service.md, "RQ 3.0, as measured" and "Leases, index and files, as measu
 
 import json
 import secrets
-from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from pathlib import Path
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
-import redis
-import redis.asyncio
-from redis.backoff import NoBackoff
-from redis.exceptions import OutOfMemoryError, RedisError, ResponseError
-from redis.retry import Retry
+from redis.exceptions import RedisError, ResponseError
 from rq import Queue as RqQueue
 from rq.serializers import JSONSerializer
 
 from worker import contract, scripts
-from worker.errors import JobNotFoundError, QueueFullError, QueueUnavailableError, StaleIndexError
+from worker.errors import JobNotFoundError, QueueFullError, StaleIndexError
 from worker.records import JobEvent
+from worker.wire import clear_errors, connect, unix_url, watch
 
-# A command that takes longer than this on a healthy farm does not exist (the slowest, FLUSHALL apart, takes 10 ms).
-COMMAND_TIMEOUT_S = 5.0
+__all__ = ["IndexProgress", "Lease", "Queue", "Sweep", "WorkerInfo", "unix_url", "watch"]
 
 
 class Lease(NamedTuple):
@@ -75,36 +70,6 @@ class WorkerInfo(NamedTuple):
     def alive(self) -> bool:
         """Whether it was heard of lately."""
         return self.seen_s < 5.0
-
-
-def unix_url(path: Path) -> str:
-    """Return the URL of a server's unix socket."""
-    return f"unix://{quote(str(path))}"
-
-
-@contextmanager
-def clear_errors() -> Iterator[None]:
-    """Turn redis-py's errors into ours."""
-    try:
-        yield
-    except OutOfMemoryError as error:
-        raise QueueFullError from error
-    except (redis.ConnectionError, redis.TimeoutError) as error:  # BusyLoadingError is a ConnectionError
-        raise QueueUnavailableError(f"the queue's server does not answer: {error}") from error
-
-
-def connect(url: str, *, timeout_s: float | None = COMMAND_TIMEOUT_S) -> "redis.Redis":
-    """Return a client whose commands answer within `timeout_s`; None for blocking reads, which need their own.
-
-    One silent retry, no more: NEXT is safe to repeat, and an outage is to be seen, not slept through.
-    """
-    return redis.Redis.from_url(
-        url,
-        socket_timeout=timeout_s,
-        socket_connect_timeout=2.0,
-        retry=Retry(NoBackoff(), 1),
-        health_check_interval=0,
-    )
 
 
 class Queue:
@@ -156,13 +121,49 @@ class Queue:
                 pipeline.llen(f"rq:queue:{name}")
             return dict(zip(contract.QUEUES, pipeline.execute(), strict=True))
 
+    def hints(self) -> set[tuple[str, str]]:
+        """Return the (task, job) of all waiting hints."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            for name in contract.QUEUES:
+                pipeline.lrange(f"rq:queue:{name}", 0, -1)
+            lists = pipeline.execute()
+        found = set()
+        for raw in (hint for hints in lists for hint in hints):
+            kind, _, rest = raw.decode().partition("-")
+            found.add((contract.TASK_PREPARE if kind == "p" else contract.TASK_RENDER_RUN, rest.partition("-")[0]))
+        return found
+
+    def sweep_hints(self) -> int:
+        """Delete records of hints that are in no queue (a worker died between taking and deleting); return how many.
+
+        Call it rarely: it looks at all hints. One that is just being enqueued is in no queue for a moment, so only
+        those that are still without a queue after a second look go.
+        """
+        with clear_errors():
+            orphans = self._orphans()
+            if orphans:
+                time.sleep(0.05)
+                orphans &= self._orphans()
+            return int(self.redis.delete(*orphans)) if orphans else 0
+
+    def _orphans(self) -> set[bytes]:
+        records: set[Any] = set(self.redis.scan_iter("rq:job:*", count=1000))
+        queued: set[Any] = set()
+        for name in contract.QUEUES:
+            hints: Any = self.redis.lrange(f"rq:queue:{name}", 0, -1)
+            queued.update(b"rq:job:" + hint for hint in hints)
+        return records - queued
+
     def _enqueue(self, task: str, job_id: str, priority: int, count: int) -> None:
         queue = self._rq[contract.queue_for(priority)]
+        letter = "p" if task == contract.TASK_PREPARE else "r"
         with clear_errors():
             for _ in range(count):
                 queue.enqueue_call(
                     task,
                     args=(job_id,),
+                    job_id=f"{letter}-{job_id}-{secrets.token_hex(4)}",
                     timeout=contract.JOB_TIMEOUT_S,
                     result_ttl=contract.RESULT_TTL_S,
                     failure_ttl=contract.FAILURE_TTL_S,
@@ -285,6 +286,15 @@ class Queue:
         done, n_tiles, rays, kernel_us = (int(value or 0) for value in answer[:4])
         return IndexProgress(done, n_tiles, rays, kernel_us / 1e6, answer[4] == b"c")
 
+    def has_free_tiles(self, job_id: str) -> bool:
+        """Whether a lease of this job could be had now."""
+        with clear_errors():
+            pipeline = self.redis.pipeline(transaction=False)
+            pipeline.hmget(contract.KEY_JOB + job_id, "n", "next", "state")
+            pipeline.scard(contract.KEY_RETRY + job_id)
+            (n_tiles, cursor, state), n_retry = pipeline.execute()
+        return state == b"r" and (n_retry > 0 or int(cursor) < int(n_tiles))
+
     def set_epoch(self, server: str) -> str:
         """Declare the index complete under a new epoch; `server` is the run id that `expire` told."""
         epoch = f"{server[:12]}-{secrets.token_hex(4)}"
@@ -340,12 +350,22 @@ class Queue:
             )
         return sorted(found)
 
+    def count_workers(self) -> int:
+        """Return the number of workers in the registry (the dead leave it within a minute)."""
+        with clear_errors():
+            return int(self.redis.hlen(contract.KEY_WORKERS))
+
     # ---- wake-ups -------------------------------------------------------------------------------------------------
 
     def publish_event(self, job_id: str, event: JobEvent) -> None:
         """Tell whoever waits that a job has a new event; silently nothing when the server is away (they poll, too)."""
         with suppress(RedisError):
             self.redis.publish(contract.CHANNEL_EVENTS, f"{job_id} {event.seq} {event.state}")
+
+    def wake_assembler(self, job_id: str) -> None:
+        """Tell the assembler to look at a job."""
+        with clear_errors():
+            self.redis.publish(contract.CHANNEL_ASSEMBLER, job_id)
 
     def publish_control(self, message: str) -> int:
         """Send "cancel <job>" or "drain <worker>" to the workers' control threads; return how many heard it."""
@@ -367,20 +387,3 @@ class Queue:
 def _split_lease(lease: str) -> tuple[str, int | None]:
     job, tile = lease.rsplit("/", 1)
     return job, None if tile == "p" else int(tile)
-
-
-async def watch(url: str, channel: str = contract.CHANNEL_EVENTS) -> AsyncIterator[str]:
-    """Yield the messages of a channel for ever; an empty string once subscribed and after each reconnection.
-
-    Messages are lost while the server is away: on "" look at the store. Uses a connection of its own, without read
-    timeout. Raises `QueueUnavailableError` when the connection breaks; call again after a pause.
-    """
-    client = redis.asyncio.Redis.from_url(url, socket_timeout=None, socket_connect_timeout=2.0)
-    try:
-        async with client.pubsub() as pubsub:
-            with clear_errors():
-                await pubsub.subscribe(channel)
-                async for message in pubsub.listen():
-                    yield "" if message["type"] == "subscribe" else message["data"].decode()
-    finally:
-        await client.aclose()

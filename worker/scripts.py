@@ -34,7 +34,7 @@ local function deadline(ttl)
 end
 """
 
-# ARGV: epoch, job, worker, ttl ms, finished tile or -1, rays, kernel microseconds.
+# ARGV: epoch, job, worker, ttl ms (0: commit only), finished tile or -1, rays, kernel microseconds.
 # Returns {tile or -1, done, n}; {-3} wrong epoch; {-2} unknown job.
 NEXT = f"""{_GIVE_BACK}{_DEADLINE}
 if redis.call('GET', '{c.KEY_EPOCH}') ~= ARGV[1] then return {{-3}} end
@@ -59,7 +59,7 @@ end
 local held = redis.call('HGET', '{c.KEY_LEASES}', who)
 if held and held ~= job..'/'..tile then give_back(held) end
 local got = -1
-if h[4] == 'r' then
+if h[4] == 'r' and tonumber(ARGV[4]) > 0 then
   repeat  -- retries first: a lost tile must not wait for the whole job
     local t = redis.call('SPOP', r)
     if t and redis.call('GETBIT', b, t) == 0 then got = tonumber(t) end

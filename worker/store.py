@@ -20,7 +20,6 @@ Source: service.md, "Store" and "Leases, index and files, as measured".
 # os calls where they are measurably cheaper (listing 10,000 jobs) or have no Path spelling
 # ruff: noqa: PTH100, PTH108, PTH123, PTH208
 
-import hashlib
 import json
 import os
 import secrets
@@ -34,23 +33,27 @@ from typing import Any
 from worker import files
 from worker.contract import RESULT_NAMES
 from worker.errors import (
-    AssetNotFoundError,
-    AssetTooLargeError,
     BadNameError,
     ConflictError,
     DamagedRecordError,
-    HashMismatchError,
     IllegalTransitionError,
     JobNotFoundError,
 )
 from worker.records import JobEvent, JobRecord, check_job_id, check_owner, check_sha256, now
 from worker.states import TERMINAL, JobState, allowed_from, can_transition
+from worker.uploads import Uploads
+
+# States that a client is told of as final: on disk before anybody hears of them.
+_PROMISED = TERMINAL | {JobState.CANCELING}
+
+# A file that is whole as soon as it has its name can only be found damaged after a power failure.
+_SURELY_OLD_S = 10.0
 
 # Terminal events are kept in memory (a few hundred bytes each): 10,000 jobs are listed without opening them again.
 _REMEMBERED = 20_000
 
 
-class Store:
+class Store(Uploads):
     """Plain files under one folder; safe to use from many processes and threads at once.
 
     Parameters
@@ -62,71 +65,10 @@ class Store:
     def __init__(self, root: Path) -> None:
         self.root = Path(os.path.abspath(root))
         self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._assets, self._jobs, self._idempotency, self.temporary = (
-            self.root / name for name in ("assets", "jobs", "idempotency", "tmp")
-        )
-        for folder in (self._assets, self._jobs, self._idempotency, self.temporary):
-            folder.mkdir(exist_ok=True)
+        super().__init__(self.root)
+        self._jobs = self.root / "jobs"
+        self._jobs.mkdir(exist_ok=True)
         self._terminal: dict[str, JobEvent] = {}
-
-    # ---- assets ---------------------------------------------------------------------------------------------------
-
-    def has_asset(self, sha256: str) -> bool:
-        """Whether an asset of this hash is here."""
-        return (self._assets / check_sha256(sha256)).is_file()
-
-    def asset_path(self, sha256: str) -> Path:
-        """Return the file of an asset; `AssetNotFoundError` where there is none."""
-        path = self._assets / check_sha256(sha256)
-        if not path.is_file():
-            raise AssetNotFoundError(f"no asset {sha256}")
-        return path
-
-    def put_asset(self, sha256: str, chunks: Iterable[bytes], max_bytes: int) -> bool:
-        """Take in an asset as it arrives.
-
-        Parameters
-        ----------
-        sha256
-            Hash that the bytes must have.
-        chunks
-            The bytes, in pieces; memory stays flat.
-        max_bytes
-            Most bytes to accept.
-
-        Returns
-        -------
-        bool
-            True if it is new; False if it was here (its bytes are then read no further).
-
-        Raises
-        ------
-        HashMismatchError, AssetTooLargeError, StoreFullError, BadNameError
-        """
-        target = self._assets / check_sha256(sha256)
-        if target.is_file():
-            return False
-        path = self.temporary / f".asset-{secrets.token_hex(8)}"
-        digest = hashlib.sha256()
-        size = 0
-        try:
-            with files.full_is_clear(), path.open("xb") as file:
-                for chunk in chunks:
-                    size += len(chunk)
-                    if size > max_bytes:
-                        raise AssetTooLargeError(f"larger than {max_bytes} bytes")
-                    digest.update(chunk)
-                    file.write(chunk)
-                if digest.hexdigest() != sha256:
-                    raise HashMismatchError(f"the bytes have sha256 {digest.hexdigest()}, not {sha256}")
-                file.flush()
-                os.fsync(file.fileno())
-            with files.full_is_clear():
-                created = files.move_if_absent(path, target)
-                files.fsync_folder(self._assets)
-        finally:
-            path.unlink(missing_ok=True)
-        return created
 
     # ---- jobs -----------------------------------------------------------------------------------------------------
 
@@ -158,22 +100,19 @@ class Store:
         target = self.job_dir(record.id)
         if target.is_dir():
             return False
-        event = JobEvent(1, record.created_at, "created", JobState.QUEUED, None, by, None)
+        event = _first_event(record, by)
         folder = self.temporary / f"job-{record.id}-{secrets.token_hex(4)}"
         try:
             with files.full_is_clear():
                 (folder / "events").mkdir(parents=True)
                 (folder / "tiles").mkdir()
-                for name, data in (
-                    ("job.json", record.to_json()),
-                    ("scene.json", scene_json),
-                    ("events/000001.json", event.to_json()),
-                ):
+                # Not fsynced: `_read_event` makes it again from the record, and every wait for the disk counts here.
+                (folder / "events" / _event_name(1)).write_bytes(event.to_json())
+                for name, data in (("job.json", record.to_json()), ("scene.json", scene_json)):
                     with (folder / name).open("xb") as file:
                         file.write(data)
                         file.flush()
                         os.fsync(file.fileno())
-                files.fsync_folder(folder / "events")
                 files.fsync_folder(folder)
             return files.publish_folder(folder, target)
         finally:
@@ -227,10 +166,9 @@ class Store:
         folder = self.job_dir(job_id) / "events"
         if remembered is not None and folder.is_dir():
             return remembered
-        try:
+        event: JobEvent | None = None
+        while event is None:
             event = self._read_event(job_id, max(self._event_names(job_id)))
-        except ValueError:
-            raise DamagedRecordError(f"job {job_id} has no events") from None
         if event.state in TERMINAL:
             if len(self._terminal) >= _REMEMBERED:
                 self._terminal.clear()
@@ -240,7 +178,8 @@ class Store:
     def events(self, job_id: str, after: int = 0) -> list[JobEvent]:
         """Return the events with a number above `after`, in order."""
         names = sorted(name for name in self._event_names(job_id) if int(name[:6]) > after)
-        return [self._read_event(job_id, name) for name in names]
+        found = [self._read_event(job_id, name) for name in names]
+        return [event for event in found if event is not None]
 
     def append_event(
         self,
@@ -252,7 +191,9 @@ class Store:
         by: str,
         detail: Mapping[str, Any] | None = None,
     ) -> JobEvent:
-        """Append one event after `expected`, durable.
+        """Append one event after `expected`; durable if it is one that the client was promised (cancel, the end).
+
+        The others cost no wait for the disk: a power failure that loses one only has the work done again.
 
         Raises
         ------
@@ -260,9 +201,10 @@ class Store:
             Another event followed `expected` meanwhile.
         """
         event = JobEvent(expected.seq + 1, now(), type_, state, expected.state, by, detail)
-        path = self.job_dir(job_id) / "events" / f"{event.seq:06d}.json"
+        path = self.job_dir(job_id) / "events" / _event_name(event.seq)
+        is_promised = type_ == "state" and state in _PROMISED
         try:
-            created = files.create(path, event.to_json(), self.temporary)
+            created = files.create(path, event.to_json(), self.temporary, durable=is_promised)
         except FileNotFoundError:
             raise JobNotFoundError(f"no job {job_id}") from None
         if not created:
@@ -297,17 +239,19 @@ class Store:
     # ---- plan, tiles, results -------------------------------------------------------------------------------------
 
     def write_plan(self, job_id: str, plan: Mapping[str, Any]) -> bool:
-        """Write the plan once; False if there is one."""
-        return self._create(job_id, "plan.json", json.dumps(plan, indent=1).encode())
+        """Write the plan once; False if there is one. Not fsynced: what it says can be found out again."""
+        path = self.job_dir(job_id) / "plan.json"
+        try:
+            return files.create(path, json.dumps(plan, indent=1).encode(), self.temporary, durable=False)
+        except FileNotFoundError:
+            raise JobNotFoundError(f"no job {job_id}") from None
 
     def read_plan(self, job_id: str) -> dict[str, Any] | None:
-        """Return the plan, or None before there is one."""
+        """Return the plan, or None where there is none (or one that a power failure damaged)."""
         try:
             plan: dict[str, Any] = json.loads(self._read(job_id, "plan.json"))
-        except FileNotFoundError:
+        except (FileNotFoundError, ValueError):
             return None
-        except ValueError as error:
-            raise DamagedRecordError(f"plan.json: {error}") from error
         return plan
 
     def tile_path(self, job_id: str, tile: int, pass_index: int = 0) -> Path:
@@ -375,30 +319,6 @@ class Store:
                 path.replace(self.result_path(job_id, name))
             files.fsync_folder(self.job_dir(job_id))
 
-    # ---- idempotency ----------------------------------------------------------------------------------------------
-
-    def put_idempotency(self, owner: str, key: str, request_sha256: str, job_id: str) -> tuple[str, str]:
-        """Bind a key to a request, durable; the first one wins.
-
-        Returns
-        -------
-        request_sha256, job_id
-            Of whoever was first.
-        """
-        folder = self._idempotency / check_owner(owner)
-        if not folder.is_dir():
-            folder.mkdir(exist_ok=True)
-            files.fsync_folder(self._idempotency)
-        path = folder / hash_key(key)
-        body = json.dumps({"request_sha256": request_sha256, "job_id": check_job_id(job_id), "at": now()}).encode()
-        if files.create(path, body, self.temporary):
-            return request_sha256, job_id
-        try:
-            first = json.loads(path.read_bytes())
-            return str(first["request_sha256"]), check_job_id(first["job_id"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise DamagedRecordError(f"idempotency record: {error}") from error
-
     # ---- housekeeping (the steward's) -----------------------------------------------------------------------------
 
     def sweep(self, older_than_s: float, idempotency_s: float = 86_400.0) -> int:
@@ -408,6 +328,8 @@ class Store:
         limits += [(folder, idempotency_s) for folder in self._idempotency.iterdir()]
         for folder, limit in limits:
             for entry in os.scandir(folder):
+                if entry.name.startswith("assembly-"):
+                    continue  # in use for as long as its job takes; the assembler sweeps its own when it starts
                 with suppress(FileNotFoundError):
                     if time.time() - entry.stat(follow_symlinks=False).st_mtime < limit:
                         continue
@@ -435,12 +357,25 @@ class Store:
 
     def _event_names(self, job_id: str) -> list[str]:
         try:
-            return os.listdir(self.job_dir(job_id) / "events")
+            return os.listdir(self.job_dir(job_id) / "events") or [_event_name(1)]
         except FileNotFoundError:
             raise JobNotFoundError(f"no job {job_id}") from None
 
-    def _read_event(self, job_id: str, name: str) -> JobEvent:
-        return JobEvent.from_json(self._read(job_id, f"events/{name}"))
+    def _read_event(self, job_id: str, name: str) -> JobEvent | None:
+        """Read one event; None if it was a damaged one that is now gone (the work since is then done again)."""
+        try:
+            return JobEvent.from_json(self._read(job_id, f"events/{name}"))
+        except FileNotFoundError:
+            return _first_event(self.read_job(job_id)) if name == _event_name(1) else None
+        except DamagedRecordError:
+            if name == _event_name(1):
+                return _first_event(self.read_job(job_id))
+            path = self.job_dir(job_id) / "events" / name
+            with suppress(FileNotFoundError):
+                if time.time() - path.stat().st_mtime < _SURELY_OLD_S:
+                    raise
+                path.unlink()
+            return None
 
     def _read(self, job_id: str, name: str) -> bytes:
         folder = self.job_dir(job_id)
@@ -452,13 +387,10 @@ class Store:
                 raise JobNotFoundError(f"no job {job_id}") from None
             raise
 
-    def _create(self, job_id: str, name: str, data: bytes) -> bool:
-        try:
-            return files.create(self.job_dir(job_id) / name, data, self.temporary)
-        except FileNotFoundError:
-            raise JobNotFoundError(f"no job {job_id}") from None
+
+def _event_name(seq: int) -> str:
+    return f"{seq:06d}.json"
 
 
-def hash_key(key: str) -> str:
-    """Return the file name of an idempotency key: its sha256."""
-    return hashlib.sha256(key.encode()).hexdigest()
+def _first_event(record: JobRecord, by: str = "api") -> JobEvent:
+    return JobEvent(1, record.created_at, "created", JobState.QUEUED, None, by, None)

@@ -1,4 +1,8 @@
-"""Rays against triangles: the exact predicate, the traversals of the wide tree, and `RayCaster`, their public door."""
+"""Where rays come from and what becomes of them.
+
+Camera rays, the spawning of secondary rays; and against triangles: the exact predicate, the traversals of the wide
+tree, and `RayCaster`, their public door.
+"""
 
 from typing import TYPE_CHECKING, Any
 

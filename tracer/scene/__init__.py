@@ -11,6 +11,7 @@ Examples
 
 """
 
+from tracer.scene.assets import AssetRef, AssetResolver, asset_ref
 from tracer.scene.camera import Camera, LookAt, OrthographicCamera, PerspectiveCamera, View, ViewPlaneCamera
 from tracer.scene.canonical import canonical_json, scene_hash
 from tracer.scene.document import Asset, Crop, Image, Integrator, Sampling, SceneDoc
@@ -37,6 +38,8 @@ __all__ = [
     "AmbientLight",
     "AnyObject",
     "Asset",
+    "AssetRef",
+    "AssetResolver",
     "Attenuation",
     "BlinnPhongMaterial",
     "Box",
@@ -72,6 +75,7 @@ __all__ = [
     "Translate",
     "View",
     "ViewPlaneCamera",
+    "asset_ref",
     "canonical_json",
     "json_schema",
     "parse_scene",

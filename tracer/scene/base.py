@@ -10,7 +10,16 @@ from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, Strict, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    Strict,
+    WithJsonSchema,
+)
 
 from tracer.scene.faults import Fault, faults_error, shown
 from tracer.scene.limits import (
@@ -52,6 +61,20 @@ def _check_name(value: str) -> str:
 
 Name = Annotated[str, Strict(), Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterValidator(_check_name)]
 """Name of a material, asset, group or object: 1 to 256 printable characters."""
+
+
+def at_most(count: int) -> BeforeValidator:
+    """Refuse arrays and objects of more than `count` members before any of them is looked at.
+
+    pydantic looks at all of them first: 15 million numbers where objects belong would cost minutes and gigabytes.
+    """
+
+    def check(value: object) -> object:
+        if isinstance(value, list | tuple | dict) and len(value) > count:
+            raise faults_error([Fault("", f"has {len(value)} items", f"at most {count} items")])
+        return value
+
+    return BeforeValidator(check)
 
 
 # --- arrays of numbers --------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
-from tracer.scene.base import Name, Number, Rgb, SceneModel, Whole
+from tracer.scene.base import Name, Number, Rgb, SceneModel, Whole, at_most
 from tracer.scene.camera import Camera
 from tracer.scene.faults import Fault, faults_error
 from tracer.scene.lights import Light
@@ -125,7 +125,9 @@ class Asset(SceneModel):
         description="SHA-256 of the file's bytes, 64 lower-case hex digits; the service requires it.",
         examples=["e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"],
     )
-    companions: Annotated[dict[FileName, Sha256 | None], Field(max_length=MAX_COMPANIONS)] | None = Field(
+    companions: (
+        Annotated[dict[FileName, Sha256 | None], Field(max_length=MAX_COMPANIONS), at_most(MAX_COMPANIONS)] | None
+    ) = Field(
         default=None,
         description="Files that this file refers to (MTL, textures, buffers): relative name to SHA-256.",
         examples=[{"car.mtl": None}],
@@ -143,25 +145,25 @@ class SceneDoc(SceneModel):
     )
     image: Image = Field(description="Size of the picture.", examples=[{"width": 640, "height": 360}])
     integrator: Integrator = Field(
-        default_factory=Integrator, description="How light is followed.", examples=[{"max_depth": 3}]
+        default_factory=Integrator, description="How light is followed, and how far.", examples=[{"max_depth": 3}]
     )
     sampling: Sampling = Field(
         default_factory=Sampling, description="Samples per pixel and their pattern.", examples=[{"samples": 16}]
     )
-    materials: Annotated[dict[Name, BlinnPhongMaterial], Field(max_length=MAX_MATERIALS)] = Field(
-        default_factory=dict, description="Materials by name.", examples=[{"red": {"kd": [0.8, 0.1, 0.1]}}]
+    materials: Annotated[dict[Name, BlinnPhongMaterial], Field(max_length=MAX_MATERIALS), at_most(MAX_MATERIALS)] = (
+        Field(default_factory=dict, description="Materials by name.", examples=[{"red": {"kd": [0.8, 0.1, 0.1]}}])
     )
-    lights: Annotated[tuple[Light, ...], Field(max_length=MAX_LIGHTS)] = Field(
+    lights: Annotated[tuple[Light, ...], Field(max_length=MAX_LIGHTS), at_most(MAX_LIGHTS)] = Field(
         default=(),
         description="Lights; without any, only emission is seen.",
         examples=[[{"type": "ambient", "intensity": 1}]],
     )
-    objects: Annotated[tuple[AnyObject, ...], Field(max_length=MAX_OBJECTS)] = Field(
+    objects: Annotated[tuple[AnyObject, ...], Field(max_length=MAX_OBJECTS), at_most(MAX_OBJECTS)] = Field(
         default=(), description="What is seen.", examples=[[{"type": "sphere", "center": [0, 1, 0], "radius": 1}]]
     )
     background: Rgb = Field(
         default=(0.0, 0.0, 0.0), description="Linear RGB of rays that leave the scene.", examples=[[0.2, 0.3, 0.5]]
     )
-    assets: Annotated[dict[Name, Asset], Field(max_length=MAX_ASSETS)] = Field(
+    assets: Annotated[dict[Name, Asset], Field(max_length=MAX_ASSETS), at_most(MAX_ASSETS)] = Field(
         default_factory=dict, description="Files by name.", examples=[{"car": {"file": "car.obj"}}]
     )

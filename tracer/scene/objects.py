@@ -22,12 +22,13 @@ from tracer.scene.base import (
     TextureCoordinates,
     Vector,
     Whole,
+    at_most,
 )
 from tracer.scene.faults import Fault, faults_error
 from tracer.scene.limits import MAX_COORDINATE, MAX_GROUPS, MIN_LENGTH
 from tracer.scene.transforms import Transforms, is_singular, transform_rows
 
-GroupMaterials = Annotated[dict[Name, Name], Field(max_length=MAX_GROUPS)]
+GroupMaterials = Annotated[dict[Name, Name], Field(max_length=MAX_GROUPS), at_most(MAX_GROUPS)]
 FaceRange = tuple[Annotated[Whole, Field(ge=0)], Annotated[Whole, Field(ge=0)]]
 
 
@@ -84,7 +85,7 @@ class Mesh(SceneObject):
         description="One linear RGB colour per vertex, interpolated; it multiplies ka and kd.",
         examples=[[[1, 0, 0], [0, 1, 0], [0, 0, 1]]],
     )
-    groups: Annotated[dict[Name, FaceRange], Field(max_length=MAX_GROUPS)] | None = Field(
+    groups: Annotated[dict[Name, FaceRange], Field(max_length=MAX_GROUPS), at_most(MAX_GROUPS)] | None = Field(
         default=None,
         description="Named ranges of faces [first, end), half open, that do not overlap.",
         examples=[{"body": [0, 1]}],

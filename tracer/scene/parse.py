@@ -3,7 +3,7 @@
 Invariant: whatever comes in, either a `SceneDoc` comes out or a `SceneError`; never another exception.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pydantic import ValidationError
@@ -41,13 +41,14 @@ def parse_scene(data: bytes | str | Mapping[str, Any], *, require_hashes: bool =
     if not isinstance(document, dict):
         raise SceneError([Fault("", f"is {shown(document)}", "a JSON object, the scene document")])
     doc = None
+    wrong: Iterable[Fault] = ()
     try:
         doc = SceneDoc.model_validate(document)
     except ValidationError as error:
-        faults += faults_of(error, document)
-    faults += reference_faults(document)
-    if require_hashes:
-        faults += asset_faults(document)
-    if faults or doc is None:
-        raise SceneError(merged(faults))
+        wrong = faults_of(error, document)
+    references = reference_faults(document)
+    assets = asset_faults(document) if require_hashes else ()
+    found = merged(faults, wrong, references, assets)
+    if found or doc is None:
+        raise SceneError(found)
     return doc

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from itertools import chain, pairwise
 from typing import Any
 
-from tracer.scene.faults import Fault, closest, one_of, pointer_of, shown
+from tracer.scene.faults import Fault, closest, one_of, pointer_of, quoted
 from tracer.scene.limits import MAX_ROW_FAULTS, MAX_TOTAL_SAMPLES
 
 Plain = dict[str, Any]
@@ -40,7 +40,7 @@ def _is_whole(value: object) -> bool:
 
 
 def _unknown(pointer: str, what: str, name: str, table: Plain) -> Fault:
-    return Fault(pointer, f"names the unknown {what} {shown(name)[9:]}{closest(name, table)}", one_of(table))
+    return Fault(pointer, f"names the unknown {what} {quoted(name)}{closest(name, table)}", one_of(table))
 
 
 def _budget_faults(document: Plain) -> Iterator[Fault]:
@@ -173,8 +173,8 @@ def _texture_faults(mesh: Plain, materials: Plain) -> Iterator[Fault]:
     used += [(pointer_of("materials", group), name) for group, name in _table(mesh, "materials").items()]
     for pointer, name in used:
         material = materials.get(name) if isinstance(name, str) else None
-        if isinstance(material, dict) and material.get("diffuse_texture") is not None:
-            yield Fault(pointer, f"names the textured material {shown(name)[9:]}", "uvs in the mesh, or no texture")
+        if isinstance(name, str) and isinstance(material, dict) and material.get("diffuse_texture") is not None:
+            yield Fault(pointer, f"names the textured material {quoted(name)}", "uvs in the mesh, or no texture")
 
 
 # --- what the service asks of assets ------------------------------------------------------------------------------
@@ -194,13 +194,16 @@ def _hashed_asset_faults(asset: Plain) -> Iterator[Fault]:
     if asset.get("sha256") is None:
         yield Fault("/sha256", "is missing", "the SHA-256 of the file, 64 lower-case hex digits")
     companions = _table(asset, "companions")
+    folders = {name[:end] for name in companions for end, letter in enumerate(name) if letter == "/"}
+    if isinstance(file, str) and file in folders:
+        yield Fault("/file", "is a file here and a folder of a companion", "another name")
     for companion, digest in companions.items():
         pointer = pointer_of("companions", companion)
         if problem := file_name_problem(companion, folders=True):
             yield Fault(pointer, problem, 'a relative name such as "textures/wood.png"')
         elif companion == file:
             yield Fault(pointer, "has the name of the file itself", "another name")
-        elif any(other.startswith(companion + "/") for other in (*companions, str(file))):
+        elif companion in folders:
             yield Fault(pointer, "is a file here and a folder elsewhere", "another name")
         if digest is None:
             yield Fault(pointer, "has no hash", "the SHA-256 of the file, 64 lower-case hex digits")

@@ -12,7 +12,15 @@ from itertools import chain
 from typing import Any
 
 from tracer.scene.faults import Fault, SceneError, is_text, pointer_of, shown
-from tracer.scene.limits import MAX_CONTAINERS, MAX_DEPTH, MAX_ITEMS, MAX_NODES, MAX_ROW_FAULTS, MAX_TEXT_BYTES
+from tracer.scene.limits import (
+    MAX_CONTAINERS,
+    MAX_DEPTH,
+    MAX_FILE_NAME_LENGTH,
+    MAX_ITEMS,
+    MAX_NODES,
+    MAX_ROW_FAULTS,
+    MAX_TEXT_BYTES,
+)
 
 _FINITE = "a finite number that float64 can hold (at most about 1.8e308)"
 _MAX_INT_DIGITS = 400  # float64 ends at 309 digits; longer ones need no exact value, and int() refuses 4,300
@@ -134,13 +142,17 @@ class _Cleaner:
 
     def _object(self, value: Mapping[Any, Any], pointer: str, depth: int) -> dict[str, Any]:
         for key in getattr(value, "repeated", ()):
-            place = pointer + pointer_of(key) if is_text(key) else pointer
+            place = pointer + pointer_of(key) if is_text(key) and len(key) <= MAX_FILE_NAME_LENGTH else pointer
             self.faults.append(Fault(place, "stands twice in its object", "each key once"))
         members: dict[str, Any] = {}
         for key, member in value.items():
             if not isinstance(key, str) or not is_text(key):
                 message = f"has the key {shown(key)}, which is no text that UTF-8 can encode"
                 self.faults.append(Fault(pointer, message, "keys of Unicode text"))
+                continue
+            if len(key) > MAX_FILE_NAME_LENGTH:  # else each fault below would repeat megabytes
+                message = f"has a key of {len(key)} characters"
+                self.faults.append(Fault(pointer, message, f"keys of at most {MAX_FILE_NAME_LENGTH} characters"))
                 continue
             members[key] = self.clean(member, pointer + pointer_of(key), depth + 1)
         return members

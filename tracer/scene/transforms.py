@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from tracer.scene.base import Direction, Number, Row, SceneModel, Vector, rows_validator
+from tracer.scene.base import Direction, Number, Row, SceneModel, Vector, at_most, rows_validator
 from tracer.scene.faults import Fault, faults_error, shown
 from tracer.scene.limits import MAX_COORDINATE, MAX_TRANSFORMS, MIN_LENGTH
 
@@ -200,7 +200,7 @@ class MatrixTransform(SceneModel):
 
 
 Transform = Annotated[Translate | Rotate | Scale | MatrixTransform, Field(discriminator="type")]
-Transforms = Annotated[tuple[Transform, ...], Field(max_length=MAX_TRANSFORMS)]
+Transforms = Annotated[tuple[Transform, ...], Field(max_length=MAX_TRANSFORMS), at_most(MAX_TRANSFORMS)]
 
 
 def _sine_cosine_deg(angle_deg: float) -> tuple[float, float]:

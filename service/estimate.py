@@ -1,0 +1,110 @@
+"""What a scene would take: tiles, samples, rays, memory; what it uses; which files.
+
+Job: answer ``validate_only`` from the document alone, without compiling anything.
+Invariant: bounds are upper bounds, sizes are computed, nothing is guessed about speed: that depends on the machine.
+"""
+
+import hashlib
+
+from service.schemas import Estimate, ImageView
+from tracer.scene import AmbientLight, Mesh, MeshAsset, SceneDoc
+from worker.grid import TileGrid
+
+# Of a compiled scene, per inline triangle: 72 bytes of vertices and indices, about 2 BVH nodes of 64 bytes to three
+# triangles, and 100 bytes of normals, UVs and colours where given; rounded up.
+_TRIANGLE_BYTES = 320
+_VERTEX_BYTES = 24 + 24 + 16 + 24
+# Film of a tile: two halves of three float64 sums a pixel.
+_FILM_BYTES_PER_PIXEL = 2 * 3 * 8
+# Python, numpy, numba and its kernels in one worker, measured in the trial of the farm.
+_WORKER_BYTES = 100 << 20
+
+
+def assets_of(scene: SceneDoc) -> dict[str, tuple[str, ...]]:
+    """Return the hashes of each asset that the scene uses: the file's first, then its companions'.
+
+    A file without a hash does not occur: the scene was parsed with ``require_hashes``.
+    """
+    found = {}
+    for name in sorted(_used_names(scene)):
+        asset = scene.assets[name]
+        hashes = [asset.sha256, *(asset.companions or {}).values()]
+        found[name] = tuple(sha256 for sha256 in hashes if sha256 is not None)
+    return found
+
+
+def _used_names(scene: SceneDoc) -> set[str]:
+    """Names in the assets table that an object or a material refers to; the others are never loaded."""
+    used = {thing.asset for thing in scene.objects if isinstance(thing, MeshAsset)}
+    textures = (material.diffuse_texture for material in scene.materials.values())
+    return used | {texture.asset for texture in textures if texture is not None}
+
+
+def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int) -> Estimate:
+    """Return what a scene would take; ``assets_missing`` is left empty, for only the store knows."""
+    x, y, width, height = scene.image.rect
+    samples_total = width * height * scene.sampling.samples
+    meshes = [thing for thing in scene.objects if isinstance(thing, Mesh)]
+    n_triangles = sum(len(mesh.faces) for mesh in meshes)
+    n_vertices = sum(len(mesh.positions) for mesh in meshes)
+    features, skipped = features_of(scene)
+    used = _used_names(scene)
+    return Estimate(
+        scene_sha256=hashlib.sha256(scene_json).hexdigest(),
+        image=ImageView(width=scene.image.width, height=scene.image.height),
+        samples_per_pixel=scene.sampling.samples,
+        samples_total=samples_total,
+        rays_at_most=samples_total * _rays_of_a_path(scene),
+        tiles=TileGrid(x, y, width, height, tile_size).n_tiles,
+        memory_bytes=_WORKER_BYTES
+        + n_triangles * _TRIANGLE_BYTES
+        + n_vertices * _VERTEX_BYTES
+        + min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
+        result_bytes=width * height * (12 + 3),
+        features=features,
+        skipped=skipped,
+        assets_missing=[],
+        assets_never_loaded=sorted(set(scene.assets) - used),
+    )
+
+
+def _rays_of_a_path(scene: SceneDoc) -> int:
+    """Return the most rays that one primary ray can cause, itself included.
+
+    At each point a shadow ray to each light, then one reflected and, through a transparent material, one transmitted.
+    """
+    lights = sum(not isinstance(light, AmbientLight) for light in scene.lights) if scene.integrator.shadows else 0
+    reflects = any(any(material.kr) for material in scene.materials.values())
+    transmits = any(any(material.kt) for material in scene.materials.values())
+    branches = int(reflects) + int(transmits)
+    points: int = sum(branches**level for level in range(scene.integrator.max_depth + 1))
+    return points * (1 + lights)
+
+
+def features_of(scene: SceneDoc) -> tuple[list[str], list[str]]:
+    """Return the names of what the scene uses and of what it does not, each sorted."""
+    materials = scene.materials.values()
+    lights = {light.type for light in scene.lights}
+    kinds = {thing.type for thing in scene.objects}
+    directed = lights - {"ambient"}
+    has = {
+        "camera:perspective": scene.camera.type == "perspective",
+        "camera:view_plane": scene.camera.type == "view_plane",
+        "camera:orthographic": scene.camera.type == "orthographic",
+        "crop": scene.image.crop is not None,
+        "shadows": scene.integrator.shadows and bool(directed),
+        "reflection": scene.integrator.max_depth > 0 and any(any(material.kr) for material in materials),
+        "transmission": scene.integrator.max_depth > 0 and any(any(material.kt) for material in materials),
+        "emission": any(any(material.ke) for material in materials),
+        "specular": any(any(material.ks) for material in materials),
+        "textures": any(material.diffuse_texture is not None for material in materials),
+        "vertex_normals": any(isinstance(thing, Mesh) and thing.normals is not None for thing in scene.objects),
+        "vertex_colors": any(isinstance(thing, Mesh) and thing.colors is not None for thing in scene.objects),
+        "transforms": any(bool(thing.transform) for thing in scene.objects),
+        **{f"light:{name}": name in lights for name in ("ambient", "directional", "point", "spot")},
+        **{
+            f"object:{name}": name in kinds
+            for name in ("mesh", "mesh_asset", "plane", "sphere", "box", "disk", "cylinder")
+        },
+    }
+    return sorted(name for name, used in has.items() if used), sorted(name for name, used in has.items() if not used)

@@ -1,0 +1,195 @@
+"""Tiles to pictures: any order of arrival, any tile size, restarts, damage."""
+
+import json
+import random
+
+import numpy as np
+import pytest
+from worker_farm import SmallFarm
+
+from tracer.film.writer import film_sha256
+from worker import jobs, tasks
+from worker.assembler import Assembler, Assembly, sweep_assemblies
+from worker.audit import audit
+
+
+def render(farm: SmallFarm, title: str = "fake", **options: object) -> str:
+    job_id = farm.submit(title, **options)
+    tasks.prepare(farm.worker(), job_id)
+    return job_id
+
+
+def hash_of(farm: SmallFarm, job_id: str) -> str:
+    return str(farm.store.last_event(job_id).detail["film_sha256"])
+
+
+def test_job_succeeds_with_all_its_results(farm: SmallFarm):
+    job_id = render(farm, width=70, height=50, samples=3)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+    view = jobs.view(farm.store, farm.queue, job_id)
+    assert (view.progress.fraction, view.progress.eta_s) == (1.0, 0.0)
+    report = json.loads(farm.store.result_path(job_id, "report.json").read_bytes())
+    assert report["film_sha256"] == view.summary["film_sha256"]
+    assert report["rays"]["total"] == view.progress.rays == 3 * 3 * 256 * 20
+    assert report["rays"]["per_sample"] == 3.0
+    assert report["tiles"] == {"n": 20, "size": 16, "workers": {"w0": 20}}
+    assert report["seconds"]["total"] >= report["seconds"]["first_lease_to_last_tile"] > 0
+    assert report["seed"] == 7
+    assert report["bytes"]["result.exr"] == farm.store.result_path(job_id, "result.exr").stat().st_size
+    assert [finding for finding in audit(farm.store, farm.queue) if "key rq:" not in finding] == []
+
+
+def test_picture_is_the_pattern(farm: SmallFarm):
+    import OpenImageIO
+
+    job_id = render(farm, width=70, height=50)
+    farm.assembler.advance(job_id)
+    pixels = OpenImageIO.ImageBuf(str(farm.store.result_path(job_id, "result.exr"))).get_pixels(OpenImageIO.FLOAT)
+    assert pixels.shape == (50, 70, 3)
+    x, y = np.arange(70.0), np.arange(50.0)[:, None]
+    expected = np.modf(np.abs(np.sin(x * 12.9 + y * 78.2 + 7)) * 43758.5453)[0].astype(np.float32)
+    np.testing.assert_array_equal(pixels[:, :, 0], expected)
+    assert film_sha256(np.ascontiguousarray(pixels)) == hash_of(farm, job_id)
+
+
+@pytest.mark.parametrize("crop", [None, {"x": 5, "y": 18, "width": 61, "height": 40}])
+def test_bytes_do_not_depend_on_tile_size_or_order(farm: SmallFarm, crop: dict[str, int] | None):
+    image = {} if crop is None else {"crop": crop}
+    found = set()
+    for tile_size in (16, 32, 48, 256):
+        job_id = render(farm, tile_size=tile_size, width=100, height=70, image=image)
+        tiles = {tile: farm.store.read_tile(job_id, tile) for tile in farm.store.done_tiles(job_id)}
+        for tile in tiles:
+            farm.store.tile_path(job_id, tile).unlink()
+        order = sorted(tiles)
+        random.Random(tile_size).shuffle(order)
+        for tile in order:
+            assert farm.state(job_id) == "rendering"
+            farm.store.write_tile(job_id, tile, tiles[tile])
+            farm.assembler.advance(job_id)
+        assert farm.state(job_id) == "succeeded"
+        files = [farm.store.result_path(job_id, name).read_bytes() for name in ("result.exr", "result.png")]
+        found.add((hash_of(farm, job_id), *files))
+    assert len(found) == 1
+
+
+def test_assembler_begins_anew_after_a_crash(farm: SmallFarm):
+    job_id = render(farm, width=64, height=64)
+    last = farm.store.read_tile(job_id, 15)
+    farm.store.tile_path(job_id, 15).unlink()
+    farm.assembler.advance(job_id)  # takes in 15 tiles, then dies
+    assert len(list(farm.store.temporary.glob("assembly-*"))) == 1
+    farm.store.write_tile(job_id, 15, last)
+    sweep_assemblies(farm.store)
+    successor = Assembler(farm.store, farm.queue, "assembler")
+    successor.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+    other = render(farm, width=64, height=64)
+    successor.advance(other)
+    assert hash_of(farm, other) == hash_of(farm, job_id)
+
+
+@pytest.mark.parametrize("step", ["writer", "commit_result", "SUCCEEDED", "clean_up"])
+def test_crash_at_each_step_of_the_commit(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, step: str):
+    job_id = render(farm, width=48, height=32)
+
+    class Crash(BaseException):
+        pass
+
+    def crash(*_: object, **__: object) -> None:
+        raise Crash
+
+    with monkeypatch.context() as patch:
+        if step == "writer":
+            patch.setattr("tracer.film.writer.FilmWriter.close", crash)
+        elif step == "commit_result":
+            patch.setattr(farm.store, "commit_result", crash)
+        elif step == "clean_up":
+            patch.setattr(jobs, "clean_up", crash)
+        else:
+            real = jobs.transition
+            patch.setattr(jobs, "transition", lambda *a, **k: crash() if "succeeded" in a else real(*a, **k))
+        with pytest.raises(Crash):
+            farm.assembler.advance(job_id)
+    sweep_assemblies(farm.store)
+    farm.steward.reconcile(everything=True)
+    Assembler(farm.store, farm.queue, "assembler").advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+    farm.steward.reconcile(everything=True)
+    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.queue.sweep_hints()
+    farm.queue.unclaim(job_id, "assembler")
+    assert audit(farm.store, farm.queue) == []
+
+
+def test_damaged_tile_is_rendered_again(farm: SmallFarm):
+    job_id = render(farm, width=64, height=32)
+    path = farm.store.tile_path(job_id, 5)
+    data = path.read_bytes()
+    path.write_bytes(data[:-9] + b"\0" + data[-8:])
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "rendering"
+    assert not path.exists()
+    assert farm.queue.progress(job_id).done == 7
+    tasks.render_run(farm.worker("w1"), job_id)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+    other = render(farm, width=64, height=32)
+    farm.assembler.advance(other)
+    assert hash_of(farm, other) == hash_of(farm, job_id)
+    assert json.loads(farm.store.result_path(job_id, "report.json").read_bytes())["faults"] == {"tile_error": 1}
+
+
+def test_tile_of_another_place_is_damage(farm: SmallFarm):
+    job_id = render(farm, width=64, height=32)
+    farm.store.tile_path(job_id, 5).write_bytes(farm.store.read_tile(job_id, 4))
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "rendering"
+    assert 5 not in farm.store.done_tiles(job_id)
+
+
+def test_memory_is_one_row_of_tiles(farm: SmallFarm):
+    job_id = render(farm, width=32, height=320)
+    assembly = Assembly(farm.store, farm.queue, job_id, "a")
+    rows = set()
+    real = assembly._take
+
+    def watch(data: bytes) -> None:
+        real(data)
+        rows.add(None if assembly._row is None else assembly._row.shape)
+
+    assembly._take = watch  # type: ignore[method-assign]
+    assert assembly.advance()
+    assert rows == {None, (16, 32, 3)}
+    assembly.close()
+
+
+def test_canceled_job_is_dropped(farm: SmallFarm):
+    job_id = render(farm, width=64, height=32)
+    farm.store.tile_path(job_id, 7).unlink()
+    farm.assembler.advance(job_id)
+    jobs.cancel(farm.store, farm.queue, job_id)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "canceled"
+    assert not list(farm.store.temporary.iterdir())
+
+
+def test_another_assembler_keeps_its_claim(farm: SmallFarm):
+    job_id = render(farm)
+    assert farm.queue.claim(job_id, "somebody else")
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "rendering"
+
+
+def test_full_disk_fails_the_job_and_says_so(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    from tracer.film.errors import ImageWriteError
+
+    def refuse(*_: object) -> None:
+        raise ImageWriteError("cannot write result.exr: no space")
+
+    job_id = render(farm)
+    monkeypatch.setattr("tracer.film.writer.FilmWriter.close", refuse)
+    farm.assembler.advance(job_id)
+    assert jobs.view(farm.store, farm.queue, job_id).problem["type"] == "urn:smalti:problem:store-full"
+    assert not list(farm.store.temporary.iterdir())

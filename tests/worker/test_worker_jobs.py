@@ -1,0 +1,129 @@
+"""Submit, view, cancel, delete; with the queue there and with the queue away."""
+
+import json
+
+import pytest
+from worker_farm import SmallFarm, make_scene
+
+from worker import jobs, tasks
+from worker.errors import IdempotencyConflictError, IllegalTransitionError, JobActiveError, JobNotFoundError
+from worker.queue import Queue, unix_url
+from worker.records import new_job_id
+from worker.states import JobState
+
+
+@pytest.fixture
+def away(tmp_path) -> Queue:
+    return Queue(unix_url(tmp_path / "none"))
+
+
+def test_submitted_job_is_on_disk_and_hinted(farm: SmallFarm):
+    scene = make_scene("fake", 100, 50, image={"crop": {"x": 10, "y": 20, "width": 30, "height": 25}})
+    submission = jobs.submit(farm.store, farm.queue, scene, owner="me", name="n", output={"tile_size": 32}, priority=80)
+    record = farm.store.read_job(submission.job_id)
+    assert (record.x, record.y, record.crop_width, record.crop_height, record.n_tiles) == (10, 20, 30, 25, 4)
+    assert record.output == {"png_color_space": "srgb", "tile_size": 32}
+    assert json.loads(farm.store.read_scene(record.id))["image"]["width"] == 100
+    assert farm.queue.hints() == {("worker.tasks.prepare", record.id)}
+
+
+def test_same_key_same_job(farm: SmallFarm):
+    def submit(request: str) -> jobs.Submission:
+        return jobs.submit(
+            farm.store, farm.queue, make_scene(), owner="me", idempotency_key="k", request_sha256=request
+        )
+
+    first = submit("a")
+    assert not first.replayed
+    assert submit("a") == jobs.Submission(first.job_id, replayed=True)
+    with pytest.raises(IdempotencyConflictError):
+        submit("b")
+    assert list(farm.store.job_ids()) == [first.job_id]
+
+
+def test_death_between_key_and_job_is_mended_by_the_retry(farm: SmallFarm):
+    lost = new_job_id()
+    farm.store.put_idempotency("me", "k", "a", lost)
+    retried = jobs.submit(farm.store, farm.queue, make_scene(), owner="me", idempotency_key="k", request_sha256="a")
+    assert retried == jobs.Submission(lost, replayed=False)
+
+
+def test_job_is_accepted_while_the_queue_is_away(farm: SmallFarm, away: Queue):
+    job_id = jobs.submit(farm.store, away, make_scene(), owner="me").job_id
+    view = jobs.view(farm.store, away, job_id)
+    assert (view.state, view.progress.tiles_done, view.progress.tiles_total) == (JobState.QUEUED, 0, 2)
+
+
+def test_progress_comes_from_the_index_or_from_the_tiles(farm: SmallFarm, away: Queue):
+    job_id = farm.submit(width=32, height=32)
+    context = farm.worker()
+    for state in (JobState.PREPARING, JobState.RENDERING):
+        farm.store.transition(job_id, state, by="w")
+    farm.queue.init_job(job_id, 4, 2)
+    epoch = farm.queue.epoch()
+    farm.store.write_tile(job_id, 0, b"x")
+    farm.queue.lease_next(epoch, job_id, context.name, finished=0, rays=300)
+    progress = jobs.view(farm.store, farm.queue, job_id).progress
+    assert (progress.tiles_done, progress.tiles_total, progress.fraction, progress.rays) == (1, 4, 0.25, 300)
+    assert progress.rays_per_s > 0
+    assert progress.eta_s > 0
+    blind = jobs.view(farm.store, away, job_id).progress
+    assert (blind.tiles_done, blind.rays, blind.rays_per_s) == (1, 0, None)
+
+
+def test_queued_job_is_canceled_at_once(farm: SmallFarm):
+    job_id = farm.submit()
+    assert jobs.cancel(farm.store, farm.queue, job_id).state is JobState.CANCELED
+    assert [event.state for event in farm.store.events(job_id)][1:] == [JobState.CANCELING, JobState.CANCELED]
+    with pytest.raises(IllegalTransitionError) as caught:
+        jobs.cancel(farm.store, farm.queue, job_id)
+    assert (caught.value.current, caught.value.allowed) == (JobState.CANCELED, ())
+    tasks.prepare(farm.worker(), job_id)  # the hint comes late
+    assert farm.state(job_id) == "canceled"
+
+
+def test_cancel_while_the_queue_is_away_is_finished_later(farm: SmallFarm, away: Queue):
+    job_id = farm.submit()
+    assert jobs.cancel(farm.store, away, job_id).state is JobState.CANCELING
+    assert jobs.cancel(farm.store, away, job_id).state is JobState.CANCELING  # again: the same
+    farm.steward.reconcile()
+    assert farm.state(job_id) == "canceled"
+
+
+def test_leased_job_is_canceling_until_the_worker_lets_go(farm: SmallFarm):
+    job_id = farm.submit(width=32, height=32)
+    for state in (JobState.PREPARING, JobState.RENDERING):
+        farm.store.transition(job_id, state, by="w")
+    farm.queue.init_job(job_id, 4, 2)
+    farm.queue.lease_next(farm.queue.epoch(), job_id, "w")
+    assert jobs.cancel(farm.store, farm.queue, job_id).state is JobState.CANCELING
+    farm.steward.reconcile()
+    assert farm.state(job_id) == "canceling"
+    farm.queue.release("w")
+    farm.steward.reconcile()
+    assert farm.state(job_id) == "canceled"
+
+
+def test_delete_only_what_has_ended(farm: SmallFarm):
+    job_id = farm.submit()
+    with pytest.raises(JobActiveError) as caught:
+        jobs.delete(farm.store, farm.queue, job_id)
+    assert caught.value.current is JobState.QUEUED
+    jobs.cancel(farm.store, farm.queue, job_id)
+    jobs.delete(farm.store, farm.queue, job_id)
+    with pytest.raises(JobNotFoundError):
+        jobs.view(farm.store, farm.queue, job_id)
+
+
+def test_views_are_filtered_and_paged(farm: SmallFarm):
+    ids = [farm.submit() for _ in range(4)]
+    jobs.cancel(farm.store, farm.queue, ids[1])
+
+    def listed(**options: object) -> list[str]:
+        return [view.record.id for view in jobs.views(farm.store, farm.queue, owner="me", **options)]
+
+    assert listed() == ids[::-1]
+    assert listed(limit=2) == [ids[3], ids[2]]
+    assert listed(before=ids[2], limit=2) == [ids[1], ids[0]]
+    assert listed(state=JobState.CANCELED) == [ids[1]]
+    assert list(jobs.views(farm.store, farm.queue, owner="you")) == []

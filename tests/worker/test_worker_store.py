@@ -1,0 +1,258 @@
+"""The store's contract."""
+
+import concurrent.futures
+import dataclasses
+import hashlib
+import json
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import pytest
+from worker_farm import make_scene
+
+from tracer.scene import canonical_json
+from worker import jobs
+from worker.errors import (
+    AssetNotFoundError,
+    AssetTooLargeError,
+    BadNameError,
+    ConflictError,
+    DamagedRecordError,
+    HashMismatchError,
+    IllegalTransitionError,
+    JobNotFoundError,
+)
+from worker.records import JobRecord, new_job_id
+from worker.states import JobState
+from worker.store import Store
+
+
+def make_record(**changes: object) -> JobRecord:
+    scene = make_scene()
+    record = jobs.make_record(scene, canonical_json(scene), owner="me", job_id=new_job_id())
+    return dataclasses.replace(record, **changes)
+
+
+@pytest.fixture
+def job_id(store: Store) -> str:
+    record = make_record()
+    assert store.create_job(record, b"{}")
+    return record.id
+
+
+def test_job_is_created_once_and_whole(store: Store):
+    record = make_record()
+    assert store.create_job(record, b'{"a":1}')
+    assert not store.create_job(dataclasses.replace(record, name="other"), b"{}")
+    assert store.read_job(record.id) == record
+    assert store.read_scene(record.id) == b'{"a":1}'
+    event = store.last_event(record.id)
+    assert (event.seq, event.type, event.state, event.previous) == (1, "created", JobState.QUEUED, None)
+    assert not list(store.temporary.iterdir())
+
+
+def test_two_creators_race(tmp_path: Path):
+    store = Store(tmp_path)
+    for _ in range(20):
+        record = make_record()
+        with concurrent.futures.ThreadPoolExecutor(4) as pool:
+            assert sum(pool.map(lambda _, one=record: store.create_job(one, b"{}"), range(4))) == 1
+    assert not list(store.temporary.iterdir())
+
+
+def test_first_event_is_made_again_from_the_record(store: Store, job_id: str):
+    path = store.job_dir(job_id) / "events" / "000001.json"
+    for damage in (lambda: path.write_bytes(b""), path.unlink):
+        damage()
+        assert store.last_event(job_id).state is JobState.QUEUED
+        assert [event.seq for event in store.events(job_id)] == [1]
+
+
+def test_event_that_a_power_failure_emptied_is_dropped(store: Store, job_id: str):
+    store.transition(job_id, JobState.PREPARING, by="w")
+    path = store.job_dir(job_id) / "events" / "000002.json"
+    path.write_bytes(b"")
+    with pytest.raises(DamagedRecordError):  # just written: that would be something else
+        store.last_event(job_id)
+    os.utime(path, (time.time() - 60, time.time() - 60))
+    assert store.last_event(job_id).state is JobState.QUEUED
+    assert store.transition(job_id, JobState.PREPARING, by="w").seq == 2
+
+
+@pytest.mark.parametrize("name", ["", "..", "../x", "a/../../b", "X" * 26])
+def test_no_path_comes_from_a_bad_name(store: Store, name: str):
+    for call in (store.read_job, store.last_event, store.done_tiles, store.delete_job, store.has_asset, store.asset_path):
+        with pytest.raises(BadNameError):
+            call(name)
+    with pytest.raises(BadNameError):
+        store.put_idempotency(name, "key", "hash", new_job_id())
+
+
+@pytest.mark.parametrize("name", ["job.json", "../result.png", "result.jpg", ""])
+def test_results_have_four_names(store: Store, job_id: str, name: str):
+    with pytest.raises(BadNameError):
+        store.result_path(job_id, name)
+
+
+def test_unknown_job(store: Store):
+    for call in (store.read_job, store.read_scene, store.last_event, store.events, store.read_plan, store.delete_job):
+        with pytest.raises(JobNotFoundError):
+            call(new_job_id())
+    with pytest.raises(JobNotFoundError):
+        store.transition(new_job_id(), JobState.PREPARING, by="w")
+
+
+def test_transition_follows_the_table(store: Store, job_id: str):
+    for state in (JobState.PREPARING, JobState.RENDERING, JobState.ASSEMBLING, JobState.SUCCEEDED):
+        event = store.transition(job_id, state, by="w")
+        assert store.last_event(job_id) == event
+    with pytest.raises(IllegalTransitionError) as caught:
+        store.transition(job_id, JobState.CANCELING, by="api")
+    assert (caught.value.current, caught.value.allowed) == (JobState.SUCCEEDED, ())
+    assert [event.seq for event in store.events(job_id)] == [1, 2, 3, 4, 5]
+    assert [event.seq for event in store.events(job_id, after=3)] == [4, 5]
+    assert store.note(job_id, "note", by="w", detail={}) is None
+
+
+def test_event_number_is_taken_once(store: Store, job_id: str):
+    first = store.last_event(job_id)
+    store.append_event(job_id, "note", JobState.QUEUED, first, by="a")
+    with pytest.raises(ConflictError):
+        store.append_event(job_id, "note", JobState.QUEUED, first, by="b")
+
+
+def _append(root: str, job_id: str, count: int) -> None:
+    store = Store(Path(root))
+    for index in range(count):
+        assert store.note(job_id, "note", by=str(os.getpid()), detail={"index": index})
+
+
+def test_two_processes_append_without_loss(store: Store, job_id: str):
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=_append, args=(str(store.root), job_id, 60)) for _ in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    events = store.events(job_id)
+    assert [event.seq for event in events] == list(range(1, 122))
+    for by in {event.by for event in events[1:]}:
+        assert [event.detail["index"] for event in events[1:] if event.by == by] == list(range(60))
+
+
+def test_only_one_of_many_transitions_wins(store: Store, job_id: str):
+    def attempt(_: int) -> bool:
+        try:
+            store.transition(job_id, JobState.PREPARING, by="w")
+        except IllegalTransitionError:
+            return False
+        return True
+
+    with concurrent.futures.ThreadPoolExecutor(8) as pool:
+        assert sum(pool.map(attempt, range(8))) == 1
+
+
+def test_tiles_are_written_once(store: Store, job_id: str):
+    assert store.write_tile(job_id, 3, b"three")
+    assert not store.write_tile(job_id, 3, b"other")
+    assert store.write_tile(job_id, 11, b"eleven")
+    assert store.read_tile(job_id, 3) == b"three"
+    assert store.done_tiles(job_id) == [3, 11]
+    store.delete_tiles(job_id)
+    assert store.done_tiles(job_id) == []
+    with pytest.raises(JobNotFoundError):
+        store.write_tile(job_id, 4, b"too late")
+    assert not list(store.temporary.iterdir())
+
+
+def test_plan_is_written_once_and_a_damaged_one_is_none(store: Store, job_id: str):
+    assert store.read_plan(job_id) is None
+    assert store.write_plan(job_id, {"seed": 1})
+    assert not store.write_plan(job_id, {"seed": 2})
+    assert store.read_plan(job_id) == {"seed": 1}
+    (store.job_dir(job_id) / "plan.json").write_bytes(b"")
+    assert store.read_plan(job_id) is None
+
+
+def test_results_are_moved_in(store: Store, job_id: str, tmp_path: Path):
+    (tmp_path / "x").write_bytes(b"png")
+    store.commit_result(job_id, {"result.png": tmp_path / "x"})
+    assert store.has_result(job_id, "result.png")
+    assert not store.has_result(job_id, "result.exr")
+    assert store.result_path(job_id, "result.png").read_bytes() == b"png"
+
+
+def test_listing_is_newest_first_and_paged(store: Store):
+    ids = []
+    for _ in range(5):
+        record = make_record()
+        store.create_job(record, b"{}")
+        ids.append(record.id)
+    (store.root / "jobs" / "stray").mkdir()
+    assert list(store.job_ids()) == ids[::-1]
+    assert list(store.job_ids(before=ids[2])) == ids[1::-1]
+
+
+def test_deleted_job_is_gone_with_its_key(store: Store):
+    record = make_record(idempotency_key_sha256=hashlib.sha256(b"key").hexdigest())
+    assert store.put_idempotency("me", "key", "hash", record.id) == ("hash", record.id)
+    store.create_job(record, b"{}")
+    store.transition(record.id, JobState.FAILED, by="w")
+    store.last_event(record.id)  # remembered
+    store.delete_job(record.id)
+    with pytest.raises(JobNotFoundError):
+        store.last_event(record.id)
+    other = new_job_id()
+    assert store.put_idempotency("me", "key", "other", other) == ("other", other)
+    assert not list(store.temporary.iterdir())
+
+
+def test_first_key_wins(store: Store):
+    first, second = new_job_id(), new_job_id()
+    assert store.put_idempotency("me", "a key / with .. anything", "hash", first) == ("hash", first)
+    assert store.put_idempotency("me", "a key / with .. anything", "hash", second) == ("hash", first)
+    assert store.put_idempotency("you", "a key / with .. anything", "hash", second) == ("hash", second)
+
+
+def test_assets_are_checked(store: Store):
+    data = b"geometry" * 1000
+    name = hashlib.sha256(data).hexdigest()
+    assert not store.has_asset(name)
+    with pytest.raises(AssetNotFoundError):
+        store.asset_path(name)
+    with pytest.raises(HashMismatchError):
+        store.put_asset(name, [b"other"], 10**6)
+    with pytest.raises(AssetTooLargeError):
+        store.put_asset(name, [data], len(data) - 1)
+    assert store.put_asset(name, (data[i : i + 7] for i in range(0, len(data), 7)), len(data))
+    assert not store.put_asset(name, iter([b"never read"]), 1)
+    assert store.asset_path(name).read_bytes() == data
+    assert not list(store.temporary.iterdir())
+
+
+def test_sweep_takes_the_old_only(store: Store):
+    old, new, busy = (store.temporary / name for name in ("old", "new", "assembly-host-x"))
+    for folder in (old, new, busy):
+        folder.mkdir()
+    store.put_idempotency("me", "key", "hash", new_job_id())
+    for path in (old, busy):
+        os.utime(path, (0, 0))
+    assert store.sweep(60.0) == 1
+    assert sorted(store.temporary.iterdir()) == sorted([busy, new])
+    assert store.sweep(60.0, idempotency_s=-1.0) == 1
+
+
+def test_checkpoint(store: Store):
+    assert store.read_checkpoint() == set()
+    store.write_checkpoint({"b", "a"})
+    assert Store(store.root).read_checkpoint() == {"a", "b"}
+    (store.root / "steward" / "terminal.json").write_text("[")
+    assert store.read_checkpoint() == set()
+
+
+def test_record_is_small_and_readable(store: Store, job_id: str):
+    fields = json.loads((store.job_dir(job_id) / "job.json").read_bytes())
+    assert "scene" not in fields
+    assert fields["output"] == {"png_color_space": "srgb", "tile_size": 64}

@@ -1,0 +1,338 @@
+"""Closest hit and light transmittance through the hierarchy.
+
+Invariants
+----------
+* The closest hit is the least (t, id) over all primitives with 0 < t, whatever the order of traversal: boxes are only left
+  out when they begin beyond the best t, and their test is conservative.
+* The slab test picks planes by the direction's sign and skips NaN (an origin in a face of the box, no motion across it), so
+  axis-aligned rays and flat boxes lose nothing.
+* A ray that is not finite or has no direction misses at once.
+
+Sources: Kay and Kajiya 1986; Pharr et al. 6.8.2; Williams et al. 2005 (signs), with the NaN rule of ``accuracy.md``.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from tracer.geometry.quadric import Crossings
+from tracer.geometry.rounding import gamma
+from tracer.geometry.shapes import cross_plane, cross_shape, transform
+from tracer.geometry.triangle import Shear, intersect_triangle, shear_ray
+from tracer.geometry.vector import at, subtract
+from tracer.jit import inline
+from tracer.types import MATERIAL_KT, N_MATERIAL, SceneView, Vec3
+
+# Roundings that the padding of boxes covers, as a multiple of eps times the distance from the origin to the farthest corner of
+# the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex (coordinate difference, slope, product, sum, and
+# the slope again along z), the rest for the affine maps of shapes. It is 1e-14 of the scene: no box is visited for it.
+_PAD: Final = gamma(64)
+
+
+class Slabs(NamedTuple):
+    """A ray as boxes see it: by axis, padded origins for the near and far planes, inverse direction, 1 where it is negative."""
+
+    near_x: float
+    near_y: float
+    near_z: float
+    far_x: float
+    far_y: float
+    far_z: float
+    inverse_x: float
+    inverse_y: float
+    inverse_z: float
+    sign_x: int
+    sign_y: int
+    sign_z: int
+
+
+class Hit(NamedTuple):
+    """A meeting of ray and primitive."""
+
+    t: float  # ray parameter, infinite when nothing was met
+    primitive: int  # id, -1 when nothing was met
+    slot: int  # slot of the hierarchy, -1 for infinite planes
+    v: float  # weights of the second and third vertex of the slot's (sorted) triangle
+    w: float
+
+
+@inline
+def is_valid_ray(o: Vec3, d: Vec3) -> bool:
+    """Tell whether a ray has a finite origin and a finite, non-zero direction."""
+    size = abs(d.x) + abs(d.y) + abs(d.z)
+    return 0.0 < size < math.inf and abs(o.x) + abs(o.y) + abs(o.z) < math.inf
+
+
+@inline
+def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
+    """Prepare a ray for the boxes of a scene with bounds ``root`` (flat: lower, upper corner)."""
+    reach_x = max(abs(root[0] - o.x), abs(root[3] - o.x))
+    reach_y = max(abs(root[1] - o.y), abs(root[4] - o.y))
+    reach_z = max(abs(root[2] - o.z), abs(root[5] - o.z))
+    pad = _PAD * max(reach_x, max(reach_y, reach_z))
+    pad_x = math.copysign(pad, d.x)
+    pad_y = math.copysign(pad, d.y)
+    pad_z = math.copysign(pad, d.z)
+    return Slabs(
+        o.x + pad_x,
+        o.y + pad_y,
+        o.z + pad_z,
+        o.x - pad_x,
+        o.y - pad_y,
+        o.z - pad_z,
+        1.0 / d.x,
+        1.0 / d.y,
+        1.0 / d.z,
+        0 if math.copysign(1.0, d.x) > 0.0 else 1,
+        0 if math.copysign(1.0, d.y) > 0.0 else 1,
+        0 if math.copysign(1.0, d.z) > 0.0 else 1,
+    )
+
+
+@inline
+def enter_box(bounds: Any, i: int, ray: Slabs, t_max: float) -> float:
+    """Ray parameter (>= 0) at which a padded box is entered, NaN when it is missed or begins beyond ``t_max``.
+
+    Parameters
+    ----------
+    bounds : flat float64
+        x_lo x_hi y_lo y_hi z_lo z_hi from ``bounds[i]`` on.
+    """
+    near = 0.0
+    far = t_max
+    # `if x > near` is False for NaN: such a plane does not bound the ray.
+    t = (bounds[i + ray.sign_x] - ray.near_x) * ray.inverse_x
+    near = t if t > near else near  # noqa: FURB136 - max() has no defined NaN rule
+    t = (bounds[i + 1 - ray.sign_x] - ray.far_x) * ray.inverse_x
+    far = t if t < far else far  # noqa: FURB136
+    t = (bounds[i + 2 + ray.sign_y] - ray.near_y) * ray.inverse_y
+    near = t if t > near else near  # noqa: FURB136
+    t = (bounds[i + 3 - ray.sign_y] - ray.far_y) * ray.inverse_y
+    far = t if t < far else far  # noqa: FURB136
+    t = (bounds[i + 4 + ray.sign_z] - ray.near_z) * ray.inverse_z
+    near = t if t > near else near  # noqa: FURB136
+    t = (bounds[i + 5 - ray.sign_z] - ray.far_z) * ray.inverse_z
+    far = t if t < far else far  # noqa: FURB136
+    return near if near <= far else math.nan
+
+
+@inline
+def _cross_local(view: SceneView, shape: int, o: Vec3, d: Vec3) -> Crossings:
+    """Meet a shape in its local space; t is that of the world ray."""
+    i = 9 * shape
+    local_o = transform(view.shape_to_local, i, subtract(o, at(view.shape_origin, 3 * shape)))
+    local_d = transform(view.shape_to_local, i, d)
+    return cross_shape(view.shape_kind[shape], local_o, local_d)
+
+
+@inline
+def _is_nearer(t: float, primitive: int, best_t: float, best: int) -> bool:
+    """Order hits by (t, id); False for NaN and for t <= 0."""
+    return t > 0.0 and (t < best_t or (t == best_t and primitive < best))
+
+
+@inline
+def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_t: Any) -> Hit:
+    """Find the nearest primitive along a ray.
+
+    Parameters
+    ----------
+    o, d : Vec3
+        World ray; t counts in lengths of d.
+    skip : int
+        Id of a flat primitive that the ray starts on and hence cannot meet again; -1 for none.
+    stack, stack_t : flat int64 and float64, MAX_DEPTH entries
+        Scratch.
+    """
+    best_t = math.inf
+    best = np.int64(-1)  # not a literal: numba would compile a copy of what it is handed to
+    best_slot = np.int64(-1)
+    best_v = 0.0
+    best_w = 0.0
+    if not is_valid_ray(o, d):
+        return Hit(best_t, best, best_slot, best_v, best_w)
+    # Planes first: they shorten the ray for the hierarchy.
+    first_plane = view.n_triangles + view.n_shapes
+    for k in range(view.n_planes):
+        t = cross_plane(at(view.plane_point, 3 * k), at(view.plane_normal, 3 * k), o, d)
+        if first_plane + k != skip and t < math.inf and _is_nearer(t, first_plane + k, best_t, best):
+            best_t = t
+            best = first_plane + k
+    if first_plane == 0:
+        return Hit(best_t, best, best_slot, best_v, best_w)
+    shear = shear_ray(o, d)
+    slabs = make_slabs(view.bvh_root, o, d)
+    top = np.int64(0)
+    node = np.int64(0)
+    count = np.int64(0)
+    while True:
+        if count == 0:
+            # Test both children; go on with the nearer one and keep the other.
+            i = 12 * node
+            t0 = enter_box(view.bvh_bounds, i, slabs, best_t)
+            t1 = enter_box(view.bvh_bounds, i + 6, slabs, best_t)
+            j = 4 * node
+            hit0 = t0 >= 0.0
+            hit1 = t1 >= 0.0
+            if hit0 and hit1:
+                if t1 < t0:
+                    stack[top] = (np.int64(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
+                    stack_t[top] = t0
+                    j += 2
+                else:
+                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    stack_t[top] = t1
+                top += 1
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
+                continue
+            if hit0 or hit1:
+                if hit1:
+                    j += 2
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
+                continue
+        else:
+            for slot in range(node, node + count):
+                primitive = np.int64(view.bvh_slots[slot])
+                if primitive < view.n_triangles:
+                    hit = intersect_triangle(view.bvh_vertices, slot, shear)
+                    if _is_nearer(hit.t, primitive, best_t, best) and primitive != skip:
+                        best_t = hit.t
+                        best = primitive
+                        best_slot = slot
+                        best_v = hit.v
+                        best_w = hit.w
+                else:
+                    crossings = _cross_local(view, primitive - view.n_triangles, o, d)
+                    t = crossings.t0 if crossings.t0 > 0.0 else crossings.t1
+                    if _is_nearer(t, primitive, best_t, best) and primitive != skip:
+                        best_t = t
+                        best = primitive
+                        best_slot = slot
+        # Take the next entry that is not yet beyond the best hit.
+        while top > 0 and stack_t[top - 1] > best_t:
+            top -= 1
+        if top == 0:
+            break
+        top -= 1
+        node = stack[top] >> 32
+        count = stack[top] & 0xFFFFFFFF
+    return Hit(best_t, best, best_slot, best_v, best_w)
+
+
+@inline
+def material_of(view: SceneView, primitive: int) -> int:
+    """Row of the primitive's material."""
+    if primitive < view.n_triangles:
+        return np.int64(view.face_material[primitive])
+    if primitive < view.n_triangles + view.n_shapes:
+        return np.int64(view.shape_material[primitive - view.n_triangles])
+    return np.int64(view.plane_material[primitive - view.n_triangles - view.n_shapes])
+
+
+@inline
+def is_opaque(view: SceneView, material: int) -> bool:
+    """Tell whether a material lets no light through: kt is black."""
+    i = N_MATERIAL * material + MATERIAL_KT
+    return view.materials[i] == 0.0 and view.materials[i + 1] == 0.0 and view.materials[i + 2] == 0.0
+
+
+@inline
+def hits_occluder(view: SceneView, slot: int, o: Vec3, d: Vec3, t_max: float, skip: int, shear: Shear) -> bool:
+    """Tell whether the (opaque) triangle in a slot lies in 0 < t < t_max."""
+    t = intersect_triangle(view.bvh_vertices, slot, shear).t
+    return 0.0 < t < t_max and np.int64(view.bvh_slots[slot]) != skip
+
+
+class Shadow(NamedTuple):
+    """Share of a light that arrives, RGB, and the slot of an opaque triangle in its way (-1: none known)."""
+
+    red: float
+    green: float
+    blue: float
+    occluder: int
+    from_cache: bool
+
+
+@inline
+def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occluder: int, stack: Any) -> Shadow:
+    """Multiply the kt of every surface crossed in 0 < t < t_max; stop when nothing is left.
+
+    Parameters
+    ----------
+    o, d, t_max
+        World ray; infinite t_max for a directional light, 1 where d reaches to the light.
+    skip
+        As for :func:`closest_hit`.
+    occluder
+        Slot of the opaque triangle that ended the last shadow ray of this light, tried first, or -1. It changes no result: what it
+        ends is black anyway.
+    stack
+        Scratch of MAX_DEPTH int64.
+    """
+    red = 1.0
+    green = 1.0
+    blue = 1.0
+    if not is_valid_ray(o, d):
+        return Shadow(red, green, blue, -1, False)
+    first_plane = view.n_triangles + view.n_shapes
+    for k in range(view.n_planes):
+        t = cross_plane(at(view.plane_point, 3 * k), at(view.plane_normal, 3 * k), o, d)
+        if 0.0 < t < t_max and first_plane + k != skip:
+            i = N_MATERIAL * np.int64(view.plane_material[k]) + MATERIAL_KT
+            red *= view.materials[i]
+            green *= view.materials[i + 1]
+            blue *= view.materials[i + 2]
+    if (red == 0.0 and green == 0.0 and blue == 0.0) or first_plane == 0:
+        return Shadow(red, green, blue, -1, False)
+    shear = shear_ray(o, d)
+    if occluder >= 0 and hits_occluder(view, occluder, o, d, t_max, skip, shear):
+        return Shadow(0.0, 0.0, 0.0, occluder, True)
+    slabs = make_slabs(view.bvh_root, o, d)
+    top = np.int64(0)
+    node = np.int64(0)
+    count = np.int64(0)
+    while True:
+        if count == 0:
+            i = 12 * node
+            hit0 = enter_box(view.bvh_bounds, i, slabs, t_max) >= 0.0
+            hit1 = enter_box(view.bvh_bounds, i + 6, slabs, t_max) >= 0.0
+            j = 4 * node
+            if hit0:
+                if hit1:
+                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    top += 1
+                node = np.int64(view.bvh_children[j])
+                count = np.int64(view.bvh_children[j + 1])
+                continue
+            if hit1:
+                node = np.int64(view.bvh_children[j + 2])
+                count = np.int64(view.bvh_children[j + 3])
+                continue
+        else:
+            for slot in range(node, node + count):
+                primitive = np.int64(view.bvh_slots[slot])
+                crossed = 0
+                if primitive < view.n_triangles:
+                    t = intersect_triangle(view.bvh_vertices, slot, shear).t
+                    if 0.0 < t < t_max and primitive != skip:
+                        crossed = 1
+                elif primitive != skip:
+                    crossings = _cross_local(view, primitive - view.n_triangles, o, d)
+                    crossed = int(0.0 < crossings.t0 < t_max) + int(0.0 < crossings.t1 < t_max)
+                for _ in range(crossed):
+                    i = N_MATERIAL * material_of(view, primitive) + MATERIAL_KT
+                    red *= view.materials[i]
+                    green *= view.materials[i + 1]
+                    blue *= view.materials[i + 2]
+                if red == 0.0 and green == 0.0 and blue == 0.0:
+                    keep = primitive < view.n_triangles and is_opaque(view, material_of(view, primitive))
+                    return Shadow(0.0, 0.0, 0.0, slot if keep else -1, False)
+        if top == 0:
+            break
+        top -= 1
+        node = stack[top] >> 32
+        count = stack[top] & 0xFFFFFFFF
+    return Shadow(red, green, blue, -1, False)

@@ -1,0 +1,1 @@
+"""Geometry: vectors, rounding bounds, and the ray's meeting with each primitive."""

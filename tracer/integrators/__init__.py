@@ -1,0 +1,1 @@
+"""Integrators: the colour that comes back along a ray."""

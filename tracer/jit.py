@@ -1,0 +1,142 @@
+"""The one way into numba: where compiled code is kept, and the two decorators of every kernel.
+
+Import this module before numba. Numba's disk cache does not see a change in another file (edit a helper and the old
+code runs on), so the cache directory is named by a hash of all kernel sources, of numba, llvmlite and numpy, and of
+the CPU: an edit is a new directory, and several versions live side by side.
+
+Kernels release the GIL, divide as numpy does, raise nothing, and are never compiled with ``fastmath`` or contraction:
+the geometry's exact predicates would lose hits.
+
+Source: ``../shared/design/architecture.md`` ("Numba facts").
+"""
+
+import fcntl
+import hashlib
+import os
+import sys
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+
+# Folders and modules whose text decides what is compiled; the others hold no kernels.
+_KERNEL_SOURCES: Final = (
+    "types.py",
+    "jit.py",
+    "sampling",
+    "geometry",
+    "rays",
+    "accel",
+    "shading",
+    "integrators",
+    "render/blocks.py",
+)
+
+
+def cache_root() -> Path:
+    """Directory of everything that Smalti caches on this host.
+
+    Returns
+    -------
+    Path
+        ``$SMALTI_CACHE``, else ``$XDG_CACHE_HOME/smalti``, else ``~/.cache/smalti``.
+    """
+    own = os.environ.get("SMALTI_CACHE")
+    if own:
+        return Path(own)
+    shared = os.environ.get("XDG_CACHE_HOME")
+    return (Path(shared) if shared else Path.home() / ".cache") / "smalti"
+
+
+def kernel_key() -> str:
+    """Hash of the kernels' sources, the compiler's versions and the CPU.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+    """
+    from llvmlite import binding
+
+    digest = hashlib.sha256()
+    folder = Path(__file__).parent
+    for entry in _KERNEL_SOURCES:
+        path = folder / entry
+        for source in [path] if path.is_file() else sorted(path.glob("**/*.py")):
+            digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for package in ("numba", "llvmlite", "numpy"):
+        digest.update(f"{package} {metadata.version(package)}\n".encode())
+    digest.update(f"{sys.version_info[:2]} {binding.get_host_cpu_name()}".encode())
+    return digest.hexdigest()[:16]
+
+
+def _activate_cache() -> Path:
+    """Point numba's disk cache at the directory of this source, and return it."""
+    directory = cache_root() / "kernels" / kernel_key()
+    os.environ["NUMBA_CACHE_DIR"] = str(directory)
+    loaded = sys.modules.get("numba")
+    if loaded is not None:  # somebody was first: numba read the environment already
+        loaded.core.config.CACHE_DIR = str(directory)
+    return directory
+
+
+KERNEL_CACHE: Final = _activate_cache()
+
+import numba  # noqa: E402 - the cache directory must be set first
+from numba import types as numba_types  # noqa: E402
+
+# `kernel`: an entry point or a function too large to copy into its callers; kept on disk.
+kernel: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False)
+# `inline`: a small function that LLVM always copies into its caller; kept on disk for callers in Python (tests).
+inline: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False, forceinline=True)
+
+
+if numba.config.DISABLE_JIT:
+
+    def pointer(array: Any) -> Any:
+        """Flat view of a C-contiguous array: what stands for a pointer when nothing is compiled."""
+        return array.reshape(-1)
+
+else:
+
+    @numba.extending.intrinsic
+    def pointer(_context: Any, array: Any) -> Any:
+        """Address of a C-contiguous array's first element, indexed like a flat array: ``pointer(a)[3 * row + column]``.
+
+        Arrays are reference-counted, and numba does not remove the counting from inlined callees: it left 9 atomic
+        increments inside a loop of 5 lines where pointers leave none. An index is neither wrapped nor checked, so it must not be
+        negative. The caller keeps the array alive.
+        """
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+        return numba_types.CPointer(array.dtype)(array), generate
+
+
+def warm(*, lock: bool = True) -> float:
+    """Compile, or load from disk, everything that rendering needs, by rendering a tiny scene.
+
+    Parameters
+    ----------
+    lock
+        Hold a file lock meanwhile. Cold processes do not coordinate: without it each of them compiles.
+
+    Returns
+    -------
+    float
+        Seconds that it took, waiting for the lock included.
+    """
+    from importlib import import_module
+
+    start = time.perf_counter()
+    # By name, because this module is the lowest layer: only this function reaches up, and only when called.
+    render_tiny = import_module("tracer.render.tiny").render_tiny
+    if not lock:
+        render_tiny()
+        return time.perf_counter() - start
+    KERNEL_CACHE.mkdir(parents=True, exist_ok=True)
+    with (KERNEL_CACHE / "warm.lock").open("a") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        render_tiny()
+    return time.perf_counter() - start

@@ -1,0 +1,183 @@
+"""A whole picture in this process: the same blocks, sums and pixels as the farm's, without queue and store."""
+
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing.pool import ThreadPool
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.film.develop import develop
+from tracer.render.backend import Backend, Canceled, get_backend
+from tracer.render.cache import compile_cached
+from tracer.render.compile import CompileStats, compile_scene
+from tracer.scene import AssetResolver, SceneDoc
+from tracer.types import (
+    BLOCK_PX,
+    COUNTERS,
+    SETTING_CROP_HEIGHT,
+    SETTING_CROP_WIDTH,
+    SETTING_CROP_X,
+    SETTING_CROP_Y,
+    SETTING_SAMPLES,
+    CompiledScene,
+)
+
+_CHUNK_BLOCKS: Final = 16  # blocks of one call: enough to forget the call's cost, few enough to share out evenly
+
+
+class Progress(NamedTuple):
+    """How far a render is."""
+
+    blocks_done: int
+    blocks_total: int
+    rays: int  # of all kinds, so far
+    seconds: float  # since rendering began
+
+
+class Film(NamedTuple):
+    """A finished picture."""
+
+    pixels: NDArray[np.float32]  # (height, width, 3) linear RGB of the crop (or the full image), not clamped
+    window: tuple[int, int, int, int]  # x, y, width, height of the crop in the full image, pixels from the top left
+    n_samples: int
+    counters: dict[str, int]  # COUNTERS
+    kernel_s: float  # seconds inside kernels, summed over threads
+    wall_s: float  # seconds of rendering
+    stats: CompileStats
+
+
+def list_blocks(compiled: CompiledScene) -> NDArray[np.int32]:
+    """Coordinates of the blocks that the crop touches, by rows.
+
+    Returns
+    -------
+    int32 (n, 2)
+    """
+    x, y, width, height = window_of(compiled)
+    bx = np.arange(x // BLOCK_PX, -(-(x + width) // BLOCK_PX), dtype=np.int32)
+    by = np.arange(y // BLOCK_PX, -(-(y + height) // BLOCK_PX), dtype=np.int32)
+    return np.stack(np.meshgrid(bx, by), axis=-1).reshape(-1, 2)
+
+
+def window_of(compiled: CompiledScene) -> tuple[int, int, int, int]:
+    """Rendered window (x, y, width, height), absolute pixels."""
+    names = (SETTING_CROP_X, SETTING_CROP_Y, SETTING_CROP_WIDTH, SETTING_CROP_HEIGHT)
+    x, y, width, height = (int(compiled.settings[name]) for name in names)
+    return x, y, width, height
+
+
+def render_compiled(
+    compiled: CompiledScene,
+    *,
+    stats: CompileStats | None = None,
+    cancel: NDArray[np.int64] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    threads: int = 1,
+    backend: Backend | None = None,
+) -> Film:
+    """Render all of a compiled scene; parameters as for :func:`render_scene`."""
+    backend = backend or get_backend()
+    flag = np.zeros(1, np.int64) if cancel is None else cancel
+    blocks = list_blocks(compiled)
+    x0, y0, width, height = window_of(compiled)
+    n_samples = int(compiled.settings[SETTING_SAMPLES])
+    pixels = np.empty((height, width, 3), np.float32)
+    counters = np.zeros(len(COUNTERS), np.int64)
+    rays = [i for i, name in enumerate(COUNTERS) if name.endswith("_rays")]
+    lock = threading.Lock()
+    kernel_s = 0.0
+    done = 0
+    start = time.perf_counter()
+
+    def render_chunk(first: int) -> None:
+        nonlocal kernel_s, done
+        chunk = blocks[first : first + _CHUNK_BLOCKS]
+        began = time.thread_time()
+        film = backend.render(compiled, chunk, (0, n_samples), flag)
+        spent = time.thread_time() - began
+        for (bx, by), sums in zip(chunk.tolist(), film.sums, strict=True):
+            block = develop(sums, n_samples)
+            left, top = bx * BLOCK_PX - x0, by * BLOCK_PX - y0
+            inside = pixels[max(top, 0) : top + BLOCK_PX, max(left, 0) : left + BLOCK_PX]
+            inside[:] = block[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+        with lock:
+            counters[:] += film.counters
+            kernel_s += spent
+            done += len(chunk)
+            if progress is not None:
+                progress(Progress(done, len(blocks), int(counters[rays].sum()), time.perf_counter() - start))
+
+    firsts = range(0, len(blocks), _CHUNK_BLOCKS)
+    if threads <= 1:
+        for first in firsts:
+            render_chunk(first)
+    else:
+        with ThreadPool(threads) as pool:
+            try:
+                for _ in pool.imap_unordered(render_chunk, firsts):
+                    pass
+            except BaseException:
+                # Let the other threads leave their kernels soon; a flag of the caller's own is his to see.
+                flag[0] = 1
+                pool.close()
+                pool.join()
+                raise
+    return Film(
+        pixels,
+        (x0, y0, width, height),
+        n_samples,
+        dict(zip(COUNTERS, counters.tolist(), strict=True)),
+        kernel_s,
+        time.perf_counter() - start,
+        stats or CompileStats(),
+    )
+
+
+def render_scene(
+    scene: SceneDoc,
+    assets: AssetResolver,
+    *,
+    cancel: NDArray[np.int64] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    threads: int = 1,
+    cache_dir: Path | None = None,
+) -> Film:
+    """Compile and render a scene in this process.
+
+    Parameters
+    ----------
+    scene : SceneDoc
+    assets : AssetResolver
+    cancel : int64 (1,) or None
+        Another thread sets it to non-zero to stop the render.
+    progress : callable or None
+        Called now and then with a :class:`Progress`, from any of the threads, one at a time.
+    threads : int
+        Threads that render; the kernels do not hold the GIL. The picture is the same for any number.
+    cache_dir : Path or None
+        Compiled scenes are kept there; None compiles anew.
+
+    Returns
+    -------
+    Film
+        Its pixels are, bit for bit, those of the farm.
+
+    Raises
+    ------
+    Canceled
+        The flag was set.
+    SceneError, LoadError
+        As the backend's `compile`.
+    """
+    backend = get_backend()
+    if cancel is not None and cancel[0] != 0:
+        raise Canceled
+    if cache_dir is None:
+        compiled, stats = compile_scene(scene, assets)
+    else:
+        compiled, stats = compile_cached(scene, assets, cache_dir, backend)
+    return render_compiled(compiled, stats=stats, cancel=cancel, progress=progress, threads=threads, backend=backend)

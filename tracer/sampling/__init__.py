@@ -1,0 +1,1 @@
+"""Sample positions as pure functions of (seed, pixel, sample, dimension)."""

@@ -1,0 +1,64 @@
+"""The real renderer behind the farm's view of one.
+
+Job: call the tracer's backend seam, and turn its errors into problems that a client understands.
+Invariant: the only module of the farm that imports the tracer's kernels and loaders.
+Source: architecture.md, "Three seams".
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.jit import warm
+from tracer.loaders.errors import LoadError
+from tracer.render import Canceled, compile_cached, get_backend
+from tracer.scene import AssetResolver, SceneDoc, SceneError
+from tracer.types import FilmBlocks
+from worker.backends import CanceledError, SceneFaultError
+from worker.tasks import scene_fault
+
+
+class TracerBackend:
+    """A backend of `tracer.render`, by name."""
+
+    def __init__(self, name: str) -> None:
+        self._backend = get_backend(name)
+        self.name = self._backend.name
+        self.arithmetic = self._backend.arithmetic
+
+    def warm(self) -> None:
+        """Compile the kernels, or load them from disk; processes take turns."""
+        warm(lock=True)
+
+    def compile(self, scene: SceneDoc, assets: AssetResolver, cache: Path) -> tuple[Any, Mapping[str, Any]]:
+        """Compile a scene, or map the one that was compiled on this host before."""
+        try:
+            compiled, stats = compile_cached(scene, assets, cache / "scenes", self._backend)
+        except SceneError as error:
+            raise scene_fault(error) from error
+        except LoadError as error:
+            raise SceneFaultError(
+                "asset-invalid",
+                "A file of the scene cannot be used",
+                str(error),
+                file=error.file,
+                pointer=f"/scene{error.pointer}" if error.pointer else None,
+                expected=error.mend or None,
+            ) from error
+        return compiled, {**stats._asdict(), "triangles": stats.n_triangles, "bytes": stats.n_bytes}
+
+    def render(
+        self,
+        compiled: Any,
+        blocks: NDArray[np.int32],
+        sample_range: tuple[int, int],
+        cancel: NDArray[np.int64],
+    ) -> FilmBlocks:
+        """Render blocks; the kernel polls the flag."""
+        try:
+            return self._backend.render(compiled, blocks, sample_range, cancel)
+        except Canceled as error:
+            raise CanceledError from error
