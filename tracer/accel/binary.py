@@ -24,7 +24,6 @@ from tracer.simd import (
     convert,
     extract,
     float32x8,
-
     int32x8,
     lesser_finite,
     load,
@@ -269,6 +268,3 @@ def build_binary(
         top += 2 * _TASK_BYTES
         free += 2
     return free, n_pending
-
-
-

@@ -63,9 +63,7 @@ def camera_ray(camera: Any, kind: int, x: float, y: float, width: int, height: i
     d = camera[CAMERA_DISTANCE]
     return Ray(
         e,
-        Vec3(
-            -d * cw.x + u * cu.x + v * cv.x, -d * cw.y + u * cu.y + v * cv.y, -d * cw.z + u * cu.z + v * cv.z
-        ),
+        Vec3(-d * cw.x + u * cu.x + v * cv.x, -d * cw.y + u * cu.y + v * cv.y, -d * cw.z + u * cu.z + v * cv.z),
     )
 
 

@@ -12,18 +12,18 @@ from tracer.rays import state as s
 from tracer.rays.predicate import CERTAIN, TINY, WELL_SHAPED, intersect_triangle
 from tracer.simd import (
     absolute,
-    convert,
+    bytes_of,
     count_trailing_zeros,
     float64x4,
     load,
+    load_as_float64,
     mask_to_bits,
     maximum,
     minimum,
     splat,
     store,
 )
-from tracer.simd.gateway import intrinsic, types
-from tracer.simd.types import like
+from tracer.simd.gateway import types
 
 LANES: Final = 4
 _vector: Final = float64x4  # of LANES lanes: one AVX2 register; eight lanes at once measured slower there
@@ -35,37 +35,6 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1
 COUNT: Final = 2
-
-
-@intrinsic
-def _row_kind(_typing: Any, rows: Any) -> Any:
-    """``rows`` is an empty array of the leaf rows' dtype: it chooses the kernel. Returns the vector type to load."""
-    kind = like(_vector, rows.dtype)
-
-    def generate(context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
-        return context.get_dummy_value()
-
-    return types.TypeRef(kind)(rows), generate
-
-
-@intrinsic
-def _value_kind(_typing: Any, rows: Any) -> Any:
-    """Return the scalar type of ``rows``."""
-
-    def generate(context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
-        return context.get_dummy_value()
-
-    return types.NumberClass(rows.dtype)(rows), generate
-
-
-@inline
-def _row(rows: Any, address: int) -> Any:
-    return convert(_float64, load(_row_kind(rows), address))
-
-
-@inline
-def _value(rows: Any, address: int) -> float:
-    return _float64(load(_value_kind(rows), address))
 
 
 @inline
@@ -80,7 +49,7 @@ def test_leaf(rows: Any, leaf: int, n: int, first: int, state: int, times: int) 
     Parameters
     ----------
     rows
-        Empty array of the leaf rows' dtype.
+        Scalar type of the leaf's rows.
     leaf
         Address.
     n, first
@@ -95,7 +64,7 @@ def test_leaf(rows: Any, leaf: int, n: int, first: int, state: int, times: int) 
     tuple of int64
         Bits of the lanes that are met within (tmin, tbest], and of those that the scalar predicate must decide.
     """
-    size = rows.itemsize
+    size = bytes_of(rows)
     row = n * size
     place = leaf + first * size
     at_x = place + load(_int64, state + s.AXIS_X) * row
@@ -106,15 +75,15 @@ def test_leaf(rows: Any, leaf: int, n: int, first: int, state: int, times: int) 
     ox = _spread(state + s.ORIGIN_X)
     oy = _spread(state + s.ORIGIN_Y)
     oz = _spread(state + s.ORIGIN_Z)
-    az = _row(rows, at_z) - oz
-    bz = _row(rows, at_z + 3 * row) - oz
-    cz = _row(rows, at_z + 6 * row) - oz
-    ax = (_row(rows, at_x) - ox) - shear_x * az
-    ay = (_row(rows, at_y) - oy) - shear_y * az
-    bx = (_row(rows, at_x + 3 * row) - ox) - shear_x * bz
-    by = (_row(rows, at_y + 3 * row) - oy) - shear_y * bz
-    cx = (_row(rows, at_x + 6 * row) - ox) - shear_x * cz
-    cy = (_row(rows, at_y + 6 * row) - oy) - shear_y * cz
+    az = load_as_float64(_vector, rows, at_z) - oz
+    bz = load_as_float64(_vector, rows, at_z + 3 * row) - oz
+    cz = load_as_float64(_vector, rows, at_z + 6 * row) - oz
+    ax = (load_as_float64(_vector, rows, at_x) - ox) - shear_x * az
+    ay = (load_as_float64(_vector, rows, at_y) - oy) - shear_y * az
+    bx = (load_as_float64(_vector, rows, at_x + 3 * row) - ox) - shear_x * bz
+    by = (load_as_float64(_vector, rows, at_y + 3 * row) - oy) - shear_y * bz
+    cx = (load_as_float64(_vector, rows, at_x + 6 * row) - ox) - shear_x * cz
+    cy = (load_as_float64(_vector, rows, at_y + 6 * row) - oy) - shear_y * cz
     u = cx * by - cy * bx
     v = ax * cy - ay * cx
     w = bx * ay - by * ax
@@ -153,22 +122,22 @@ def test_leaf(rows: Any, leaf: int, n: int, first: int, state: int, times: int) 
 @inline
 def _scalar(rows: Any, leaf: int, n: int, lane: int, state: int) -> Any:
     """Evaluate the predicate on one triangle of a leaf: (met, t, U, V, W)."""
-    size = rows.itemsize
+    size = bytes_of(rows)
     row = n * size
     place = leaf + lane * size
     x = place + load(_int64, state + s.AXIS_X) * row
     y = place + load(_int64, state + s.AXIS_Y) * row
     z = place + load(_int64, state + s.AXIS_Z) * row
     return intersect_triangle(
-        _value(rows, x),
-        _value(rows, y),
-        _value(rows, z),
-        _value(rows, x + 3 * row),
-        _value(rows, y + 3 * row),
-        _value(rows, z + 3 * row),
-        _value(rows, x + 6 * row),
-        _value(rows, y + 6 * row),
-        _value(rows, z + 6 * row),
+        load_as_float64(_float64, rows, x),
+        load_as_float64(_float64, rows, y),
+        load_as_float64(_float64, rows, z),
+        load_as_float64(_float64, rows, x + 3 * row),
+        load_as_float64(_float64, rows, y + 3 * row),
+        load_as_float64(_float64, rows, z + 3 * row),
+        load_as_float64(_float64, rows, x + 6 * row),
+        load_as_float64(_float64, rows, y + 6 * row),
+        load_as_float64(_float64, rows, z + 6 * row),
         load(_float64, state + s.ORIGIN_X),
         load(_float64, state + s.ORIGIN_Y),
         load(_float64, state + s.ORIGIN_Z),
@@ -199,7 +168,7 @@ def visit_leaf(rows: Any, leaf: int, n: int, state: int, times: int, mode: int) 
     Closest: the least (t, id) is kept in the state. Any: BEST_ID becomes the first met. Count: BEST_ID is increased.
     """
     changed = False
-    ids = leaf + 9 * n * rows.itemsize
+    ids = leaf + 9 * n * bytes_of(rows)
     for first in range(0, n, LANES):
         met, unsure = test_leaf(rows, leaf, n, first, state, times)
         if unsure != 0:
@@ -231,7 +200,7 @@ def barycentrics(rows: Any, state: int) -> Any:
     n = load(_int64, state + s.BEST_LANE) & 255
     _hit, _t, u, v, w = _scalar(rows, leaf, n, lane, state)
     total = (u + v) + w
-    order = _int64(load(_int32, leaf + 9 * n * rows.itemsize + 4 * lane)) & ((1 << ORDER_BITS) - 1)
+    order = _int64(load(_int32, leaf + 9 * n * bytes_of(rows) + 4 * lane)) & ((1 << ORDER_BITS) - 1)
     second = (PLACE_1 >> (2 * order)) & 3
     third = (PLACE_2 >> (2 * order)) & 3
     weight_1 = u if second == 0 else (v if second == 1 else w)

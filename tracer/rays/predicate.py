@@ -16,7 +16,8 @@ products and L the largest |x|, |y| of the three vertices (Shewchuk 1997, ccwerr
 (8 eps L**2) its sign is therefore certain. When all three are, and their sum is beyond 2**24 e, the rounded values
 do; else they are computed exactly, by fused multiply-add.
 
-t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their range: within
+Distances are counted for a direction scaled by a power of two into [1, 2) (`unit_of`; exact), so that neither very
+long nor very short directions cost accuracy. t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their range: within
 ``(3 * 2**-24 + 4 eps) (range)`` of the value for exact arithmetic on the same x, y, z, and mostly much closer (half an
 ulp of t at the median).
 
@@ -32,7 +33,8 @@ from tracer.simd.gateway import types
 _int64: Final = types.int64
 
 CERTAIN: Final = 2.0**-50  # times L**2: beyond it an edge function's sign is certain
-TINY: Final = 1e-290  # added to it: below, products lose bits to underflow
+TINY: Final = 1e-180  # added to it: below, products of three would lose bits to underflow
+SMALL: Final = 1e-80  # triangles smaller than this are scaled up before their weights are computed
 WELL_SHAPED: Final = 2.0**24  # times CERTAIN L**2: beyond it the sum of rounded edge functions is good for t
 _CCW: Final = 3.3306690738754716e-16  # (3 + 16 eps) eps
 _LEAST_PRODUCT: Final = 1e-250  # above, the exact rest of a product does not underflow
@@ -41,9 +43,9 @@ LARGEST: Final = 1e100  # |coordinate| of origins and vertices: cubes of it do n
 
 @inline
 def _power_of_two_of(x: float) -> float:
-    """2**-k for x in [2**k, 2**(k + 1)), x positive and normal; at most 2**1022."""
+    """2**-k for x in [2**k, 2**(k + 1)), x positive and normal; within 2**-1022 .. 2**1023."""
     exponent = (to_bits(x) >> 52) & 2047
-    return from_bits(max(_int64(1), min(_int64(2045), 2046 - exponent)) << 52)
+    return from_bits(max(_int64(1), 2046 - exponent) << 52)
 
 
 @inline
@@ -148,7 +150,7 @@ def decide(
     if not ((low > e or high < -e) and abs(total) > e * WELL_SHAPED):
         if not (low >= -e or high <= e):
             return False, 0.0, u, v, w
-        if largest < LARGEST**-1:  # bring the weights out of the denormals; exact
+        if largest < SMALL:  # keep products of three out of the denormals; exact
             scale = _scale_up(largest, 0.0)
             ax, ay, bx, by, cx, cy = ax * scale, ay * scale, bx * scale, by * scale, cx * scale, cy * scale
         u, sign_u = exact_edge(cx, cy, bx, by)
@@ -166,6 +168,12 @@ def decide(
     t = t if t > least else least  # noqa: FURB136 - a NaN becomes `least`, as in the lanes
     t = t if t < most else most  # noqa: FURB136
     return True, t, u, v, w
+
+
+@inline
+def unit_of(dx: float, dy: float, dz: float) -> float:
+    """Return the power of two that brings the largest component of a direction into [1, 2): t is counted in it."""
+    return _power_of_two_of(max(abs(dx), max(abs(dy), abs(dz))))
 
 
 @inline

@@ -16,12 +16,16 @@ from tracer.rays import state as s
 from tracer.rays.leaf import ANY, CLOSEST, COUNT, barycentrics, visit_leaf
 from tracer.simd import (
     address_of,
+    bytes_of,
     count_trailing_zeros,
+    element_type,
     float32x8,
     load,
+    load_as_float64,
     mask_to_bits,
     maximum,
     minimum,
+    multiply_add,
     splat,
     stack_memory,
     store,
@@ -86,7 +90,7 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
     Parameters
     ----------
     rows
-        Empty array of the leaf rows' dtype.
+        Scalar type of the leaf rows.
     base
         Address of the tree.
     state, stack, near, times
@@ -118,14 +122,19 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
     while True:
         while word >= 0:
             node = base + word * (UNIT // 8)
-            # products and sums, not fused: the bound in `state` holds for both, and every CPU has these
             enter = maximum(
-                maximum(load(float32x8, node + near_x) * rx + near_px, load(float32x8, node + near_y) * ry + near_py),
-                maximum(load(float32x8, node + near_z) * rz + near_pz, first),
+                maximum(
+                    multiply_add(load(float32x8, node + near_x), rx, near_px),
+                    multiply_add(load(float32x8, node + near_y), ry, near_py),
+                ),
+                maximum(multiply_add(load(float32x8, node + near_z), rz, near_pz), first),
             )
             leave = minimum(
-                minimum(load(float32x8, node + far_x) * rx + far_px, load(float32x8, node + far_y) * ry + far_py),
-                minimum(load(float32x8, node + far_z) * rz + far_pz, last),
+                minimum(
+                    multiply_add(load(float32x8, node + far_x), rx, far_px),
+                    multiply_add(load(float32x8, node + far_y), ry, far_py),
+                ),
+                minimum(multiply_add(load(float32x8, node + far_z), rz, far_pz), last),
             )
             hits = mask_to_bits(enter <= leave * up)
             children = node + NODE_CHILDREN
@@ -178,26 +187,40 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
 
 
 @inline
-def _limit_of(limits: Any, i: int) -> float:
-    """A limit per ray, or one for all."""
-    return _float64(limits[i] if limits.shape[0] > 1 else limits[0])
-
-
-@inline
-def _start(state: int, base: int, origins: Any, directions: Any, t_min: Any, t_max: Any, i: int) -> bool:
+def start_from_arrays(state: int, base: int, rays: Any, kinds: Any, i: int) -> bool:
+    """Start ray i of arrays given by address: see `addresses_of`."""
+    origins, directions, t_min, t_min_step, t_max, t_max_step = rays
+    kind_o, kind_d = kinds
+    o = origins + 3 * i * bytes_of(kind_o)
+    d = directions + 3 * i * bytes_of(kind_d)
+    size_o = bytes_of(kind_o)
+    size_d = bytes_of(kind_d)
     return bool(
         s.start_ray(
             state,
             base,
-            _float64(origins[i, 0]),
-            _float64(origins[i, 1]),
-            _float64(origins[i, 2]),
-            _float64(directions[i, 0]),
-            _float64(directions[i, 1]),
-            _float64(directions[i, 2]),
-            _limit_of(t_min, i),
-            _limit_of(t_max, i),
+            load_as_float64(_float64, kind_o, o),
+            load_as_float64(_float64, kind_o, o + size_o),
+            load_as_float64(_float64, kind_o, o + 2 * size_o),
+            load_as_float64(_float64, kind_d, d),
+            load_as_float64(_float64, kind_d, d + size_d),
+            load_as_float64(_float64, kind_d, d + 2 * size_d),
+            load(_float64, t_min + t_min_step * i),
+            load(_float64, t_max + t_max_step * i),
         )
+    )
+
+
+@inline
+def addresses_of(origins: Any, directions: Any, t_min: Any, t_max: Any) -> Any:
+    """Return the arrays' addresses and the steps of the limits: 0 where one limit serves all rays."""
+    return (
+        address_of(origins),
+        address_of(directions),
+        address_of(t_min),
+        8 if t_min.shape[0] > 1 else 0,
+        address_of(t_max),
+        8 if t_max.shape[0] > 1 else 0,
     )
 
 
@@ -224,18 +247,21 @@ def closest_single(
     """
     out_t, out_primitive, out_u, out_v = hits
     base = address_of(tree)
+    rays = addresses_of(origins, directions, t_min, t_max)
+    kinds = (element_type(origins), element_type(directions))
+    row_kind = element_type(rows)
     state = stack_memory(_STATE_BYTES)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     times = stack_memory(_TIMES_BYTES)
     for i in range(start, end):
-        if _start(state, base, origins, directions, t_min, t_max, i):
-            trace(rows, base, state, stack, near, times, CLOSEST)
+        if start_from_arrays(state, base, rays, kinds, i):
+            trace(row_kind, base, state, stack, near, times, CLOSEST)
         primitive = load(_int64, state + s.BEST_ID)
         out_primitive[i] = primitive
         if primitive >= 0:
-            out_t[i] = load(_float64, state + s.T_BEST)
-            out_u[i], out_v[i] = barycentrics(rows, state)
+            out_t[i] = load(_float64, state + s.T_BEST) * load(_float64, state + s.UNIT_T)
+            out_u[i], out_v[i] = barycentrics(row_kind, state)
         else:
             out_t[i] = float("inf")
             out_u[i] = 0.0
@@ -248,13 +274,16 @@ def any_single(
 ) -> None:
     """Tell which of the rays start..end meet anything; ``met`` is bool (n,), the rest as `closest_single`."""
     base = address_of(tree)
+    rays = addresses_of(origins, directions, t_min, t_max)
+    kinds = (element_type(origins), element_type(directions))
+    row_kind = element_type(rows)
     state = stack_memory(_STATE_BYTES)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     times = stack_memory(_TIMES_BYTES)
     for i in range(start, end):
-        if _start(state, base, origins, directions, t_min, t_max, i):
-            trace(rows, base, state, stack, near, times, ANY)
+        if start_from_arrays(state, base, rays, kinds, i):
+            trace(row_kind, base, state, stack, near, times, ANY)
         met[i] = load(_int64, state + s.BEST_ID) >= 0
 
 
@@ -264,13 +293,16 @@ def count_single(
 ) -> None:
     """Count the crossings of the rays start..end; ``counts`` is int32 (n,), the rest as `closest_single`."""
     base = address_of(tree)
+    rays = addresses_of(origins, directions, t_min, t_max)
+    kinds = (element_type(origins), element_type(directions))
+    row_kind = element_type(rows)
     state = stack_memory(_STATE_BYTES)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     times = stack_memory(_TIMES_BYTES)
     for i in range(start, end):
-        ready = _start(state, base, origins, directions, t_min, t_max, i)
+        ready = start_from_arrays(state, base, rays, kinds, i)
         store(state + s.BEST_ID, _int64(0))
         if ready:
-            trace(rows, base, state, stack, near, times, COUNT)
+            trace(row_kind, base, state, stack, near, times, COUNT)
         counts[i] = load(_int64, state + s.BEST_ID)

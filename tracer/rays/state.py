@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from tracer.accel.layout import FRAME_CENTRE, FRAME_HALF, FRAME_SCALE, HEADER_BYTES, NODE_HIGH
 from tracer.jit import inline
-from tracer.rays.predicate import LARGEST, shear_of
-from tracer.simd import from_bits, load, store, to_bits
+from tracer.rays.predicate import LARGEST, shear_of, unit_of
+from tracer.simd import load, store
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
@@ -33,7 +33,7 @@ SHEAR_Z: Final = 16
 ORIGIN_X: Final = 24
 ORIGIN_Y: Final = 32
 ORIGIN_Z: Final = 40
-T_MIN: Final = 48
+T_MIN: Final = 48  # float64, in units of UNIT_T
 T_BEST: Final = 56  # tmax, then the nearest hit
 AXIS_X: Final = 64  # int64: kx, ky, kz
 AXIS_Y: Final = 72
@@ -55,12 +55,13 @@ F_BEST: Final = 200
 RAY_INDEX: Final = 208  # int64: the ray's number, where many are in flight
 NODE: Final = 216  # int64: the next child word
 STACK_TOP: Final = 224  # int64: address
+UNIT_T: Final = 232  # float64: T_MIN and T_BEST times this are t
 
 UP: Final = 1.0 + 2.0**-21
 _ROUNDING: Final = 2.0**-21
 _LEAST_D: Final = 1e-18  # smaller direction components count as this: over the frame they move a ray by 4e-18
 _WELL: Final = 2.0**-20  # frame time that a well-shaped triangle's t can be off: 6 * 2**-24, and room
-_NO_ROW: Final = 0
+_FINITE: Final = 1.7976931348623157e308
 
 
 @inline
@@ -101,7 +102,6 @@ def start_ray(
     beyond 1e100, or an empty interval: no ray, it meets nothing.
     """
     store(state + BEST_ID, _int64(-1))
-    store(state + T_BEST, t_max)
     largest = max(abs(dx), max(abs(dy), abs(dz)))
     t_min = max(0.0, t_min) if t_min == t_min else t_min  # noqa: PLR0124 - keeps a NaN
     valid = (
@@ -117,10 +117,10 @@ def start_ray(
     if not valid:
         return False
     frame = base
+    if load(_float64, frame + 8 * FRAME_HALF) < 0.0:  # an empty tree
+        return False
     scale = load(_float64, frame + 8 * FRAME_SCALE)
-    # a power of two brings the largest direction component into [1, 2)
-    exponent = (to_bits(largest) >> 52) & 2047
-    unit = from_bits(max(_int64(1), 2046 - exponent) << 52)
+    unit = unit_of(dx, dy, dz)
     fx, fy, fz = dx * unit, dy * unit, dz * unit
     px = (ox - load(_float64, frame + 8 * FRAME_CENTRE)) * scale
     py = (oy - load(_float64, frame + 8 * FRAME_CENTRE + 8)) * scale
@@ -131,10 +131,12 @@ def start_ray(
     hz = load(_float64, frame + 8 * FRAME_HALF + 16)
     entry = 0.0
     slop = 2.0**-48 * (1.0 + distance)
-    if abs(px) > hx or abs(py) > hy or abs(pz) > hz:
+    # So far away that float64 does not resolve the object: visit every node, the predicate decides.
+    blind = slop > 1.0
+    if blind:
+        px, py, pz, slop = 0.0, 0.0, 0.0, 4.0
+    elif abs(px) > hx or abs(py) > hy or abs(pz) > hz:
         # outside: move the origin to the frame's box, so that float32 resolves what follows
-        if hx < 0.0:
-            return False
         leave = float("inf")
         for axis in range(3):
             p, f, h = (px, fx, hx) if axis == 0 else ((py, fy, hy) if axis == 1 else (pz, fz, hz))
@@ -162,15 +164,19 @@ def start_ray(
     store(state + NEAR_X, _int64(NODE_HIGH if neg_x else 0))
     store(state + NEAR_Y, _int64(NODE_HIGH if neg_y else 0) + 32)
     store(state + NEAR_Z, _int64(NODE_HIGH if neg_z else 0) + 64)
-    time_scale = scale / unit
     slack = _WELL + distance * 2.0**-46
-    store(state + TIME_SCALE, time_scale)
+    if blind:  # frame times mean nothing either: 0 .. 1e30 for good
+        scale, entry, slack = 0.0, 0.0, 1e30
+    store(state + TIME_SCALE, scale)
     store(state + TIME_ENTRY, entry)
     store(state + TIME_SLACK, slack)
+    t_min /= unit
     store(state + T_MIN, t_min)
-    store(state + F_MIN, _float32(max(0.0, (t_min * time_scale - entry) * (1.0 - 2.0**-21) - slack)))
+    store(state + T_BEST, min(t_max, _FINITE) / unit)  # a t beyond float64 is no hit
+    store(state + UNIT_T, unit)
+    store(state + F_MIN, _float32(max(0.0, (t_min * scale - entry) * (1.0 - 2.0**-21) - slack)))
     update_frame_best(state)
-    kx, ky, kz, shear_x, shear_y, shear_z = shear_of(dx, dy, dz)
+    kx, ky, kz, shear_x, shear_y, shear_z = shear_of(fx, fy, fz)
     store(state + SHEAR_X, shear_x)
     store(state + SHEAR_Y, shear_y)
     store(state + SHEAR_Z, shear_z)

@@ -7,7 +7,8 @@ function written once serves one ray and sixteen.
 Invariants
 ----------
 * Every operation is the IEEE 754 one, lane by lane, in round to nearest; nothing is contracted to a fused
-  multiply-add unless :func:`fma` says so. The same source gives the same bits on every CPU.
+  multiply-add unless :func:`fma` says so. The same source gives the same bits on every CPU (but for `multiply_add`,
+  which leaves the choice to the CPU and is for bounds alone).
 * Only generic LLVM operations are emitted, except where :mod:`tracer.simd.features` has asked the compiler and a
   generic fallback stands beside; no illegal instruction on any CPU.
 * A comparison yields a mask, a vector of booleans. Comparisons with a NaN are false, ``!=`` is true.
@@ -27,8 +28,10 @@ from tracer.simd.arithmetic import (
     fma,
     from_bits,
     full_like,
+    lesser_finite,
     maximum,
     minimum,
+    multiply_add,
     splat,
     sqrt,
     to_bits,
@@ -55,7 +58,17 @@ from tracer.simd.lanes import (
     unlikely,
     upper_half,
 )
-from tracer.simd.memory import address_of, gather, load, prefetch, stack_memory, store
+from tracer.simd.memory import (
+    address_of,
+    bytes_of,
+    element_type,
+    gather,
+    load,
+    load_as_float64,
+    prefetch,
+    stack_memory,
+    store,
+)
 from tracer.simd.types import (
     VectorType,
     float32x4,
@@ -80,11 +93,13 @@ __all__ = [
     "all_lanes",
     "any_lane",
     "bitcast",
+    "bytes_of",
     "compress",
     "concatenate",
     "convert",
     "cos",
     "count_trailing_zeros",
+    "element_type",
     "exp",
     "extract",
     "float32x4",
@@ -104,7 +119,9 @@ __all__ = [
     "int64x4",
     "int64x8",
     "iota",
+    "lesser_finite",
     "load",
+    "load_as_float64",
     "log",
     "lower_half",
     "mask4",
@@ -114,6 +131,7 @@ __all__ = [
     "mask_to_bits",
     "maximum",
     "minimum",
+    "multiply_add",
     "permute",
     "population_count",
     "power",

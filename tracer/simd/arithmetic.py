@@ -190,6 +190,21 @@ def fma(_typing: Any, x: Any, y: Any, z: Any) -> Any:
     return x(x, x, x), generate
 
 
+@intrinsic
+def multiply_add(_typing: Any, x: Any, y: Any, z: Any) -> Any:
+    """``x * y + z``, fused where the CPU does that at full speed, else rounded twice: for bounds that hold for both.
+
+    The one operation here whose bits depend on the CPU.
+    """
+    if not (is_float(x) and x == y == z):
+        return None
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return call_intrinsic(builder, f"llvm.fmuladd.{suffix(x)}", llvm_type(x), list(args))
+
+    return x(x, x, x), generate
+
+
 def _choose(name: str, symbol: str) -> Any:
     def typer(_typing: Any, a: Any, b: Any) -> Any:
         if not is_number(a) or a != b:
@@ -203,6 +218,24 @@ def _choose(name: str, symbol: str) -> Any:
 
     typer.__name__ = name
     return intrinsic(typer)
+
+
+@intrinsic
+def lesser_finite(_typing: Any, a: Any, b: Any) -> Any:
+    """Return the smaller of two floats that are not NaN (else the result is undefined; of two zeros, either).
+
+    For read-modify-write: LLVM turns ``store(p, minimum(load(p), x))`` into a masked store, which AMD's CPUs do in
+    microcode; it leaves this one a plain minimum.
+    """
+    if not is_float(a) or a != b:
+        return None
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(llvm_type(a), [arg.type for arg in args])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.minnum.{suffix(a)}")
+        return builder.call(function, args, fastmath=("nnan", "nsz"))
+
+    return a(a, a), generate
 
 
 # The smaller and the larger of two: `b` when either is NaN, or when they compare equal (+0 and -0).

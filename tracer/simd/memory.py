@@ -21,6 +21,7 @@ from tracer.simd.types import (
     broadcast,
     constant,
     element_of,
+    like,
     llvm_bits,
     llvm_type,
     suffix,
@@ -41,6 +42,47 @@ def address_of(_typing: Any, array: Any) -> Any:
         return builder.ptrtoint(data, _I64)
 
     return types.int64(array), generate
+
+
+@intrinsic
+def element_type(_typing: Any, array: Any) -> Any:
+    """Return the scalar type of an array, to be handed on in its place: a kernel is specialised on it at no cost.
+
+    An array handed to an inlined function costs atomic reference counting in the loop; a type costs nothing.
+    """
+
+    def generate(context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
+        return context.get_dummy_value()
+
+    return types.NumberClass(array.dtype)(array), generate
+
+
+@intrinsic
+def bytes_of(_typing: Any, kind: Any) -> Any:
+    """Return the size of a scalar type, a constant."""
+    size = llvm_bits(kind.instance_type) // 8
+
+    def generate(_context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
+        return ir.Constant(_I64, size)
+
+    return types.int64(kind), generate
+
+
+@intrinsic
+def load_as_float64(_typing: Any, shape: Any, kind: Any, address: Any) -> Any:
+    """``load_as_float64(float64x4, kind, address)``: as many consecutive values of a scalar type, widened.
+
+    With a scalar in the place of the shape: one value.
+    """
+    del address
+    target = shape.instance_type
+    source = like(target, kind.instance_type)
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        value = builder.load(builder.inttoptr(args[2], POINTER), align=_align(source), typ=llvm_type(source))
+        return value if source == target else builder.fpext(value, llvm_type(target))
+
+    return target(shape, kind, types.int64), generate
 
 
 def _align(kind: Any) -> int:

@@ -1,0 +1,151 @@
+"""N4, N5 and N6: degenerate meshes, flat boxes with signed zeros, and rays that are none."""
+
+import numpy as np
+import pytest
+
+from closed_meshes import by_brute_force, sphere
+from tracer.rays import RayCaster
+
+
+def test_degenerate_meshes_do_no_harm():
+    """N4: zero area, duplicates, collinear faces, 1:1e12 slivers, denormals: no NaN, no hang, as brute force has it."""
+    rng = np.random.default_rng(31)
+    vertices = rng.normal(size=(60, 3))
+    vertices[10:20] = vertices[0] + (vertices[1] - vertices[0]) * rng.random((10, 1))
+    vertices[20:30] = vertices[2]
+    vertices[30:40] *= 1e-310
+    vertices[40:50] = vertices[3] + 1e-12 * rng.normal(size=(10, 3))
+    faces = rng.integers(0, 60, (500, 3)).astype(np.int32)
+    origins = rng.normal(size=(300, 3)) * 2
+    directions = vertices[rng.integers(0, 60, 300)] - origins
+    times, primitives, crossings = by_brute_force(vertices, faces, origins, directions)
+    caster = RayCaster(vertices, faces)
+    hits = caster.closest_hit(origins, directions)
+    np.testing.assert_array_equal(hits.primitive, primitives)
+    np.testing.assert_array_equal(hits.t, times)
+    np.testing.assert_array_equal(caster.count_hits(origins, directions), crossings)
+    assert not any(np.isnan(column).any() for column in hits)
+
+
+def test_unusable_faces_are_left_out():
+    vertices, faces = sphere(6, 6)
+    spoiled = np.concatenate([vertices, [[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, -1e200]]])
+    n = len(vertices)
+    extra = np.array([[0, 1, n], [n + 1, 2, 3], [4, n + 2, 5]], np.int32)
+    caster = RayCaster(spoiled, np.concatenate([extra, faces]))
+    assert caster.bvh.n_triangles == len(faces)
+    rng = np.random.default_rng(32)
+    origins, directions = rng.normal(size=(200, 3)) * 0.3, rng.normal(size=(200, 3))
+    clean = RayCaster(vertices, faces).closest_hit(origins, directions)
+    hits = caster.closest_hit(origins, directions)
+    np.testing.assert_array_equal(hits.primitive, clean.primitive + 3)
+    np.testing.assert_array_equal(hits.t, clean.t)
+
+
+def test_a_far_vertex_that_no_face_uses_costs_no_precision():
+    vertices, faces = sphere(6, 6)
+    caster = RayCaster(np.concatenate([vertices, [[1e30, 0, 0]]]), faces)
+    rng = np.random.default_rng(33)
+    origins, directions = rng.normal(size=(200, 3)) * 0.3, rng.normal(size=(200, 3))
+    np.testing.assert_array_equal(
+        caster.closest_hit(origins, directions).t, RayCaster(vertices, faces).closest_hit(origins, directions).t
+    )
+
+
+def test_no_mesh_at_all():
+    caster = RayCaster(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+    assert caster.closest_hit([[0, 0, 0]], [[0, 0, 1]]).primitive.tolist() == [-1]
+    assert caster.count_hits([[0, 0, 0]], [[0, 0, 1]]).tolist() == [0]
+    assert RayCaster([[0, 0, 0]], np.array([[0, 0, 0]])).any_hit([[0, 0, -1]], [[0, 0, 1]]).tolist() == [False]
+
+
+def flat_boxes():
+    """Axis-aligned squares at many depths of the three axes: every box is flat, and many share planes with origins."""
+    vertices, faces = [], []
+    for axis in range(3):
+        for depth in (-1.0, -0.5, 0.0, 0.5, 1.0):
+            for u in (-1.0, 0.0):
+                for v in (-1.0, 0.0):
+                    corner = np.zeros((4, 3))
+                    corner[:, axis] = depth
+                    corner[:, (axis + 1) % 3] = [u, u + 1, u + 1, u]
+                    corner[:, (axis + 2) % 3] = [v, v, v + 1, v + 1]
+                    k = 4 * len(vertices)
+                    vertices.append(corner)
+                    faces += [[k, k + 1, k + 2], [k, k + 2, k + 3]]
+    return np.concatenate(vertices), np.array(faces, np.int32)
+
+
+def test_slabs_lose_nothing_on_flat_boxes():
+    """N5: all patterns of signed zeros, origins on faces, edges and corners, components of 1e-310."""
+    vertices, faces = flat_boxes()
+    values = [0.0, -0.0, 1.0, -1.0, 1e-310, -1e-310, 0.5]
+    directions = np.array([[a, b, c] for a in values for b in values for c in values])
+    directions = directions[np.abs(directions).max(1) > 1e-300]
+    places = [-1.0, -0.5, 0.0, 0.25, 1.0, -2.0]
+    origins = np.array([[a, b, c] for a in places for b in places for c in places])
+    rng = np.random.default_rng(34)
+    pick = rng.integers(0, len(origins), (len(directions), 40))
+    origins = origins[pick].reshape(-1, 3)
+    directions = np.repeat(directions, 40, 0)
+    caster = RayCaster(vertices, faces)
+    times, primitives, crossings = by_brute_force(vertices, faces, origins, directions)
+    assert (crossings > 0).mean() > 0.2
+    hits = caster.closest_hit(origins, directions)
+    np.testing.assert_array_equal(hits.primitive, primitives)
+    np.testing.assert_array_equal(hits.t, times)
+    np.testing.assert_array_equal(caster.count_hits(origins, directions), crossings)
+
+
+INF, NAN = np.inf, np.nan
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "tmin", "tmax"),
+    [
+        ((NAN, 0, 0), (0, 0, 1), 0, INF),
+        ((INF, 0, 0), (0, 0, 1), 0, INF),
+        ((0, 1e101, 0), (0, -1, 0), 0, INF),
+        ((0, 0, 0), (NAN, 0, 1), 0, INF),
+        ((0, 0, 0), (0, INF, 1), 0, INF),
+        ((0, 0, 0), (0, 0, 0), 0, INF),
+        ((0, 0, 0), (-0.0, 0, 0), 0, INF),
+        ((0, 0, 0), (0, 0, 1), 2, 1),
+        ((0, 0, 0), (0, 0, 1), 1, 1),
+        ((0, 0, 0), (0, 0, 1), NAN, INF),
+        ((0, 0, 0), (0, 0, 1), 0, NAN),
+        ((0, 0, 0), (0, 0, 1), INF, INF),
+        ((0, 0, 0), (0, 0, 1), 0, -1),
+        ((0, 0, 0), (0, 0, 1), -5, 0),
+    ],
+)
+def test_what_is_no_ray_misses(origin, direction, tmin, tmax):
+    """N6."""
+    caster = RayCaster(*sphere(6, 6))
+    ray = np.array([origin], float), np.array([direction], float)
+    hits = caster.closest_hit(*ray, tmin, tmax)
+    assert [float(column[0]) for column in hits] == [INF, -1, 0, 0]
+    assert not caster.any_hit(*ray, tmin, tmax)[0]
+    assert caster.count_hits(*ray, tmin, tmax)[0] == 0
+
+
+def test_extreme_lengths_of_direction():
+    """The same points are hit whatever the direction's length; a t beyond float64 is a miss."""
+    vertices, faces = sphere(6, 6)
+    caster = RayCaster(vertices, faces)
+    rng = np.random.default_rng(35)
+    origins, directions = rng.normal(size=(100, 3)) * 0.1, rng.normal(size=(100, 3))
+    reference = caster.closest_hit(origins, directions)
+    for k in (-900, -300, 300, 1000):
+        hits = caster.closest_hit(origins, directions * 2.0**k)
+        np.testing.assert_array_equal(hits.primitive, reference.primitive)
+        np.testing.assert_allclose(hits.t * 2.0**k, reference.t, rtol=1e-15)
+    assert (caster.closest_hit(origins, directions * 1e-310).primitive == -1).all()
+    assert caster.any_hit(origins, np.sign(directions) * 1e308).all()
+
+
+def test_negative_tmin_counts_as_zero():
+    vertices, faces = sphere(6, 6)
+    caster = RayCaster(vertices, faces)
+    counts = caster.count_hits([[0.1, 0.2, 0.3]], [[0.3, 0.2, 1.0]], -100.0)
+    assert counts.tolist() == caster.count_hits([[0.1, 0.2, 0.3]], [[0.3, 0.2, 1.0]]).tolist()
