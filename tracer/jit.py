@@ -23,6 +23,7 @@ from typing import Any, Final
 _KERNEL_SOURCES: Final = (
     "types.py",
     "jit.py",
+    "simd",
     "sampling",
     "geometry",
     "rays",

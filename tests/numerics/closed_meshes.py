@@ -37,7 +37,10 @@ def torus(n=24, m=12):
     r = 1 + 0.4 * np.cos(b)
     vertices = np.stack([r * np.cos(a), r * np.sin(a), 0.4 * np.sin(b)], -1).reshape(-1, 3)
     corner = lambda di, dj: (((i + di) % n) * m + (j + dj) % m).ravel()  # noqa: E731
-    faces = [np.stack([corner(0, 0), corner(1, 0), corner(1, 1)], -1), np.stack([corner(0, 0), corner(1, 1), corner(0, 1)], -1)]
+    faces = [
+        np.stack([corner(0, 0), corner(1, 0), corner(1, 1)], -1),
+        np.stack([corner(0, 0), corner(1, 1), corner(0, 1)], -1),
+    ]
     return vertices, np.concatenate(faces).astype(np.int32)
 
 
@@ -126,5 +129,7 @@ def by_brute_force(vertices, faces, origins, directions, t_min=0.0, t_max=np.inf
     n = len(origins)
     times, primitives, counts = np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64)
     vertices, directions = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(directions, np.float64)
-    brute_force(vertices, faces, np.ascontiguousarray(origins, np.float64), directions, t_min, t_max, times, primitives, counts)
+    brute_force(
+        vertices, faces, np.ascontiguousarray(origins, np.float64), directions, t_min, t_max, times, primitives, counts
+    )
     return times, primitives, counts

@@ -6,8 +6,8 @@ Small here; the sizes are parameters, for `make stress`.
 
 import numpy as np
 import pytest
-
 from closed_meshes import AIMS, MESHES, by_brute_force, rays_from_inside, sphere
+
 from tracer.rays import RayCaster
 
 N_RAYS = 400
@@ -34,7 +34,9 @@ CELLS = [(name, offset, scale) for name in MESHES for offset in OFFSETS for scal
 
 def test_which_cells_are_degenerate():
     """The list that the stress suite states: a needle's width is below a spacing so far away."""
-    assert {(name, offset) for name, offset, scale in CELLS if placed(name, offset, scale) is None} == {("needle", 1e12)}
+    assert {(name, offset) for name, offset, scale in CELLS if placed(name, offset, scale) is None} == {
+        ("needle", 1e12)
+    }
 
 
 @pytest.mark.parametrize(("name", "offset", "scale"), CELLS)

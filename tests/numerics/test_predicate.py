@@ -63,7 +63,9 @@ def on_floats(triangle, origin, direction):
     points = []
     for vertex in triangle:
         z = vertex[kz] - origin[kz]
-        points.append((float((vertex[kx] - origin[kx]) - sx * z), float((vertex[ky] - origin[ky]) - sy * z), float(sz * z)))
+        points.append(
+            (float((vertex[kx] - origin[kx]) - sx * z), float((vertex[ky] - origin[ky]) - sy * z), float(sz * z))
+        )
     (ax_, ay, ta), (bx, by, tb), (cx, cy, tc) = points
     signs = {exact_sign(cx, cy, bx, by), exact_sign(ax_, ay, cx, cy), exact_sign(bx, by, ax_, ay)}
     if len(signs) != 1 or 0 in signs:
@@ -71,7 +73,11 @@ def on_floats(triangle, origin, direction):
     u = Fraction(cx) * Fraction(by) - Fraction(cy) * Fraction(bx)
     v = Fraction(ax_) * Fraction(cy) - Fraction(ay) * Fraction(cx)
     w = Fraction(bx) * Fraction(ay) - Fraction(by) * Fraction(ax_)
-    return True, (u * Fraction(ta) + v * Fraction(tb) + w * Fraction(tc)) / (u + v + w), max(ta, tb, tc) - min(ta, tb, tc)
+    return (
+        True,
+        (u * Fraction(ta) + v * Fraction(tb) + w * Fraction(tc)) / (u + v + w),
+        max(ta, tb, tc) - min(ta, tb, tc),
+    )
 
 
 def in_space(triangle, origin, direction):
@@ -105,7 +111,9 @@ def pairs(kind, n, rng):
         weights /= weights.sum(1, keepdims=True)
     elif kind == "sliver":
         t = 10.0 ** rng.uniform(-12, -3, (n, 1))
-        triangles[:, 2] = triangles[:, 0] + (triangles[:, 1] - triangles[:, 0]) * rng.random((n, 1)) + t * rng.normal(size=(n, 3))
+        triangles[:, 2] = (
+            triangles[:, 0] + (triangles[:, 1] - triangles[:, 0]) * rng.random((n, 1)) + t * rng.normal(size=(n, 3))
+        )
     elif kind == "far":
         triangles += 1e7
     elif kind == "tiny":
@@ -172,7 +180,14 @@ def test_edge_signs_are_exact():
         a, b = rng.normal(size=2) * 2.0 ** rng.integers(-30, 30, 2)
         f = rng.random()
         kind = i % 6
-        c, d = [(a * 3, b * 3), (a * f, b * f), (np.nextafter(a * f, 9e9), b * f), (a, b), (-a, -b), (a, np.nextafter(b, 9e9))][kind]
+        c, d = [
+            (a * 3, b * 3),
+            (a * f, b * f),
+            (np.nextafter(a * f, 9e9), b * f),
+            (a, b),
+            (-a, -b),
+            (a, np.nextafter(b, 9e9)),
+        ][kind]
         if i % 7 == 0:
             b = 0.0
         rows.append([a, b, c, d])

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from closed_meshes import by_brute_force, sphere
+
 from tracer.rays import RayCaster
 
 

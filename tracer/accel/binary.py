@@ -69,7 +69,7 @@ def _centroid(record: Any) -> Any:
 
 @inline
 def _half_area(record: Any) -> Any:
-    """x y + y z + z x of the box's extents."""
+    """Half the area of a box: x y + y z + z x of its extents."""
     extent = -(lower_half(record) + upper_half(record))
     x = extract(extent, 0)
     y = extract(extent, 1)

@@ -64,7 +64,7 @@ def _half_area(node: int) -> Any:
 
 @inline
 def _shifted(row: Any, lanes: Any, by: int) -> Any:
-    """The row moved up by so many lanes, infinity below."""
+    """Move the row up by so many lanes, infinity below."""
     return select(lanes >= splat(int32x8, by), permute(row, lanes - splat(int32x8, by)), splat(float32x8, _INF))
 
 
@@ -129,13 +129,13 @@ def plan_nodes(nodes: Any, first: int, end: int, costs: Any, plan: Any) -> None:
 
 
 @inline
-def choice_of(plan: int, node: int, roots: int) -> int:
+def choice_of(plan: int, node: int, roots: int) -> Any:
     """Read choice k of a binary node."""
     return (_int64(load(_int32, plan + node * PLAN_BYTES + 8)) >> (4 * roots)) & 15
 
 
 @inline
-def is_leaf(nodes: int, plan: int, node: int) -> bool:
+def is_leaf(nodes: int, plan: int, node: int) -> Any:
     """Tell whether a chosen root becomes a leaf."""
     return load(_int32, nodes + node * RECORD_BYTES + 28) > 0 or choice_of(plan, node, 1) == 0
 

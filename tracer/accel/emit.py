@@ -65,6 +65,14 @@ def _store_value(address: int, value: float, wide: int) -> None:
 
 
 @inline
+def _clear(address: int, end: int) -> None:
+    """Zero the gap, so that equal meshes give equal files."""
+    while address < end:
+        store(address, _int32(0))
+        address += 4
+
+
+@inline
 def _emit_leaf(target: int, records: int, first: int, count: int, vertices: Any, faces: Any, wide: int) -> None:
     size = 8 if wide else 4
     row = count * size
@@ -77,6 +85,7 @@ def _emit_leaf(target: int, records: int, first: int, count: int, vertices: Any,
             _store_value(place + (3 + axis) * row, vertices[b, axis], wide)
             _store_value(place + (6 + axis) * row, vertices[c, axis], wide)
         store(target + 9 * row + 4 * k, _int32(face << ORDER_BITS | order))
+    _clear(target + 9 * row + 4 * count, target + leaf_bytes(count, size))
 
 
 @inline
@@ -135,6 +144,8 @@ def _emit_node(
             store(inner + 16 * n_inner, kid)
             store(inner + 16 * n_inner + 8, start + NODE_CHILDREN + 4 * k)
             n_inner += 1
+    _clear(node + NODE_CHILDREN + 32, node + NODE_BYTES)
+    _clear(base + offset, base + aligned(offset))
     return aligned(offset), n_inner
 
 
@@ -193,13 +204,16 @@ def emit_single_leaf(
     node = address_of(buffer) + offset
     for k in range(NODE_WIDTH):
         _emit_absent(node, k)
+    _clear(node + NODE_CHILDREN + 32, node + NODE_BYTES)
     leaf = offset + NODE_BYTES
     if count == 0:
         return leaf
     _emit_box(node, 0, address_of(nodes))
     _emit_leaf(address_of(buffer) + leaf, address_of(records), 0, count, vertices, faces, wide)
     store(node + NODE_CHILDREN, _int32(LEAF_BIT | (leaf // UNIT) << 3 | (count - 1)))
-    return int(aligned(leaf + leaf_bytes(count, 8 if wide else 4)))
+    end = leaf + leaf_bytes(count, 8 if wide else 4)
+    _clear(address_of(buffer) + end, address_of(buffer) + aligned(end))
+    return int(aligned(end))
 
 
 @kernel

@@ -22,7 +22,7 @@ _LARGEST: Final = 1e150
 
 
 @inline
-def _usable(vertices: Any, j: int) -> bool:
+def _usable(vertices: Any, j: int) -> Any:
     x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
     return abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST
 
@@ -82,7 +82,7 @@ def survey_faces(vertices: Any, faces: Any, bounds: Any) -> int:
 
 @inline
 def _round_down(x: float) -> Any:
-    """A float32 at or below x, one or two steps away."""
+    """Round to a float32 at or below x, one or two steps away."""
     return _float32(x - abs(x) * 1.1920928955078125e-07 - 1e-40)
 
 
@@ -102,12 +102,12 @@ def make_records(
         if check and not (_usable(vertices, a) and _usable(vertices, b) and _usable(vertices, c)):
             continue
         row += 1
-        x0 = min(_float64(vertices[a, 0]), min(_float64(vertices[b, 0]), _float64(vertices[c, 0])))
-        y0 = min(_float64(vertices[a, 1]), min(_float64(vertices[b, 1]), _float64(vertices[c, 1])))
-        z0 = min(_float64(vertices[a, 2]), min(_float64(vertices[b, 2]), _float64(vertices[c, 2])))
-        x1 = max(_float64(vertices[a, 0]), max(_float64(vertices[b, 0]), _float64(vertices[c, 0])))
-        y1 = max(_float64(vertices[a, 1]), max(_float64(vertices[b, 1]), _float64(vertices[c, 1])))
-        z1 = max(_float64(vertices[a, 2]), max(_float64(vertices[b, 2]), _float64(vertices[c, 2])))
+        x0 = min(_float64(vertices[a, 0]), _float64(vertices[b, 0]), _float64(vertices[c, 0]))
+        y0 = min(_float64(vertices[a, 1]), _float64(vertices[b, 1]), _float64(vertices[c, 1]))
+        z0 = min(_float64(vertices[a, 2]), _float64(vertices[b, 2]), _float64(vertices[c, 2]))
+        x1 = max(_float64(vertices[a, 0]), _float64(vertices[b, 0]), _float64(vertices[c, 0]))
+        y1 = max(_float64(vertices[a, 1]), _float64(vertices[b, 1]), _float64(vertices[c, 1]))
+        z1 = max(_float64(vertices[a, 2]), _float64(vertices[b, 2]), _float64(vertices[c, 2]))
         store(base, _round_down((x0 - c0) * scale))
         store(base + 4, _round_down((y0 - c1) * scale))
         store(base + 8, _round_down((z0 - c2) * scale))

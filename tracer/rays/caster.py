@@ -66,7 +66,7 @@ class RayCaster:
             From :func:`tracer.accel.wide.build_wide` or :func:`tracer.accel.wide.load_wide`.
         """
         caster = cls.__new__(cls)
-        caster._use(bvh)
+        caster._use(bvh)  # noqa: SLF001 - its own
         return caster
 
     def _use(self, bvh: WideBvh) -> None:

@@ -148,7 +148,7 @@ def _scalar(rows: Any, leaf: int, n: int, lane: int, state: int) -> Any:
 
 
 @kernel
-def settle(rows: Any, leaf: int, n: int, first: int, unsure: int, state: int, times: int) -> int:
+def settle(rows: Any, leaf: int, n: int, first: int, unsure: int, state: int, times: int) -> Any:
     """Decide the unsure lanes by the scalar predicate; returns the bits that are met, their t in ``times``."""
     met = _int64(0)
     while unsure != 0:

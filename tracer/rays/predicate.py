@@ -17,7 +17,9 @@ products and L the largest |x|, |y| of the three vertices (Shewchuk 1997, ccwerr
 do; else they are computed exactly, by fused multiply-add.
 
 Distances are counted for a direction scaled by a power of two into [1, 2) (`unit_of`; exact), so that neither very
-long nor very short directions cost accuracy. t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their range: within
+long nor very short directions cost accuracy.
+
+t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their range: within
 ``(3 * 2**-24 + 4 eps) (range)`` of the value for exact arithmetic on the same x, y, z, and mostly much closer (half an
 ulp of t at the median).
 
@@ -34,7 +36,6 @@ _int64: Final = types.int64
 
 CERTAIN: Final = 2.0**-50  # times L**2: beyond it an edge function's sign is certain
 TINY: Final = 1e-180  # added to it: below, products of three would lose bits to underflow
-SMALL: Final = 1e-80  # triangles smaller than this are scaled up before their weights are computed
 WELL_SHAPED: Final = 2.0**24  # times CERTAIN L**2: beyond it the sum of rounded edge functions is good for t
 _CCW: Final = 3.3306690738754716e-16  # (3 + 16 eps) eps
 _LEAST_PRODUCT: Final = 1e-250  # above, the exact rest of a product does not underflow
@@ -42,7 +43,7 @@ LARGEST: Final = 1e100  # |coordinate| of origins and vertices: cubes of it do n
 
 
 @inline
-def _power_of_two_of(x: float) -> float:
+def _power_of_two_of(x: float) -> Any:
     """2**-k for x in [2**k, 2**(k + 1)), x positive and normal; within 2**-1022 .. 2**1023."""
     exponent = (to_bits(x) >> 52) & 2047
     return from_bits(max(_int64(1), 2046 - exponent) << 52)
@@ -50,13 +51,13 @@ def _power_of_two_of(x: float) -> float:
 
 @inline
 def _scale_up(a: float, b: float) -> float:
-    """A power of two that brings the larger of |a|, |b| near 1; only ever up, so scaling by it is exact."""
+    """Return a power of two that brings the larger of |a|, |b| near 1; only ever up, so scaling by it is exact."""
     larger = max(abs(a), abs(b))
     return max(1.0, _power_of_two_of(larger)) if larger > 0.0 else 1.0
 
 
 @kernel
-def _sign_of_tiny(px: float, py: float, qx: float, qy: float) -> float:
+def _sign_of_tiny(px: float, py: float, qx: float, qy: float) -> Any:
     """Sign of px qy - py qx where the products underflow: after scaling rows and columns up, they do not."""
     # twice, because one factor of at most 2**1022 does not bring the smallest denormal to 1
     for _ in range(2):
@@ -95,7 +96,10 @@ def exact_edge(px: float, py: float, qx: float, qy: float) -> Any:
     size = abs(left) + abs(right)
     value = difference
     if size < _LEAST_PRODUCT:
-        value = _sign_of_tiny(px, py, qx, qy)
+        tiny = _sign_of_tiny(px, py, qx, qy)
+        if tiny != 0.0:  # as a weight it is nothing beside the two others
+            return (max(value, 0.0), 1) if tiny > 0.0 else (min(value, -0.0), -1)
+        value = 0.0
     else:
         first = fma(px, qy, -left)
         second = fma(py, qx, -right)
@@ -142,17 +146,19 @@ def decide(
     u = cx * by - cy * bx
     v = ax * cy - ay * cx
     w = bx * ay - by * ax
-    largest = max(max(max(abs(ax), abs(ay)), max(abs(bx), abs(by))), max(abs(cx), abs(cy)))
+    largest = max(abs(ax), abs(ay), abs(bx), abs(by), abs(cx), abs(cy))
     e = largest * largest * CERTAIN + TINY
-    low = min(u, min(v, w))
-    high = max(u, max(v, w))
+    low = min(u, v, w)
+    high = max(u, v, w)
     total = (u + v) + w
     if not ((low > e or high < -e) and abs(total) > e * WELL_SHAPED):
         if not (low >= -e or high <= e):
             return False, 0.0, u, v, w
-        if largest < SMALL:  # keep products of three out of the denormals; exact
-            scale = _scale_up(largest, 0.0)
-            ax, ay, bx, by, cx, cy = ax * scale, ay * scale, bx * scale, by * scale, cx * scale, cy * scale
+        # the same power of two for all x, and for all y, keeps the weights' proportions, exactly, out of the denormals
+        scale = _scale_up(max(abs(ax), abs(bx)), cx)
+        ax, bx, cx = ax * scale, bx * scale, cx * scale
+        scale = _scale_up(max(abs(ay), abs(by)), cy)
+        ay, by, cy = ay * scale, by * scale, cy * scale
         u, sign_u = exact_edge(cx, cy, bx, by)
         v, sign_v = exact_edge(ax, ay, cx, cy)
         w, sign_w = exact_edge(bx, by, ax, ay)
@@ -163,17 +169,17 @@ def decide(
     tb = sz * bz
     tc = sz * cz
     t = ((u * ta + v * tb) + w * tc) / total
-    least = min(ta, min(tb, tc))
-    most = max(ta, max(tb, tc))
+    least = min(ta, tb, tc)
+    most = max(ta, tb, tc)
     t = t if t > least else least  # noqa: FURB136 - a NaN becomes `least`, as in the lanes
     t = t if t < most else most  # noqa: FURB136
     return True, t, u, v, w
 
 
 @inline
-def unit_of(dx: float, dy: float, dz: float) -> float:
+def unit_of(dx: float, dy: float, dz: float) -> Any:
     """Return the power of two that brings the largest component of a direction into [1, 2): t is counted in it."""
-    return _power_of_two_of(max(abs(dx), max(abs(dy), abs(dz))))
+    return _power_of_two_of(max(abs(dx), abs(dy), abs(dz)))
 
 
 @inline

@@ -53,17 +53,17 @@ def _spread(address: int) -> Any:
 
 @inline
 def _far(near_row: int) -> int:
-    """The far row of an axis from its near row: the other of k and k + NODE_HIGH."""
+    """Return the far row of an axis from its near row: the other of k and k + NODE_HIGH."""
     return near_row + NODE_HIGH if near_row < NODE_HIGH else near_row - NODE_HIGH
 
 
 @inline
-def _key(near: int, children: int, lane: int) -> int:
+def _key(near: int, children: int, lane: int) -> Any:
     return (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
 
 
 @inline
-def _word(entry: int) -> int:
+def _word(entry: int) -> Any:
     return _int64(_int32(entry))
 
 

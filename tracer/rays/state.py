@@ -102,7 +102,7 @@ def start_ray(
     beyond 1e100, or an empty interval: no ray, it meets nothing.
     """
     store(state + BEST_ID, _int64(-1))
-    largest = max(abs(dx), max(abs(dy), abs(dz)))
+    largest = max(abs(dx), abs(dy), abs(dz))
     t_min = max(0.0, t_min) if t_min == t_min else t_min  # noqa: PLR0124 - keeps a NaN
     valid = (
         abs(dx) < float("inf")
@@ -125,7 +125,7 @@ def start_ray(
     px = (ox - load(_float64, frame + 8 * FRAME_CENTRE)) * scale
     py = (oy - load(_float64, frame + 8 * FRAME_CENTRE + 8)) * scale
     pz = (oz - load(_float64, frame + 8 * FRAME_CENTRE + 16)) * scale
-    distance = max(abs(px), max(abs(py), abs(pz)))
+    distance = max(abs(px), abs(py), abs(pz))
     hx = load(_float64, frame + 8 * FRAME_HALF)
     hy = load(_float64, frame + 8 * FRAME_HALF + 8)
     hz = load(_float64, frame + 8 * FRAME_HALF + 16)
