@@ -25,7 +25,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -108,11 +108,9 @@ class Store(Uploads):
                 (folder / "tiles").mkdir()
                 # Not fsynced: `_read_event` makes it again from the record, and every wait for the disk counts here.
                 (folder / "events" / _event_name(1)).write_bytes(event.to_json())
-                for name, data in (("job.json", record.to_json()), ("scene.json", scene_json)):
-                    with (folder / name).open("xb") as file:
-                        file.write(data)
-                        file.flush()
-                        os.fsync(file.fileno())
+                (folder / "job.json").write_bytes(record.to_json())
+                (folder / "scene.json").write_bytes(scene_json)
+                files.fsync_files([folder / "job.json", folder / "scene.json"])
                 files.fsync_folder(folder)
             return files.publish_folder(folder, target)
         finally:
@@ -299,7 +297,7 @@ class Store(Uploads):
         """Whether this result is there."""
         return self.result_path(job_id, name).is_file()
 
-    def commit_result(self, job_id: str, parts: Mapping[str, Path]) -> None:
+    def commit_result(self, job_id: str, parts: Mapping[str, Path], *, synced: Collection[str] = ()) -> None:
         """Move finished files of results into place, all of them durable; existing ones are replaced by equal bytes.
 
         Parameters
@@ -308,14 +306,12 @@ class Store(Uploads):
             Whose.
         parts
             Name of the result -> finished file on the same filesystem.
+        synced
+            Names of those that were written through to the disk already.
         """
+        files.fsync_files([path for name, path in parts.items() if name not in synced])
         with files.full_is_clear():
             for name, path in parts.items():
-                descriptor = os.open(path, os.O_RDONLY)
-                try:
-                    os.fsync(descriptor)
-                finally:
-                    os.close(descriptor)
                 path.replace(self.result_path(job_id, name))
             files.fsync_folder(self.job_dir(job_id))
 

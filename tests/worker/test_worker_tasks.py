@@ -138,7 +138,7 @@ def test_cancel_stops_a_kernel_and_the_job_ends(farm: SmallFarm):
     context = farm.worker()
     thread = threading.Thread(target=tasks.prepare, args=(context, job_id))
     thread.start()
-    while not farm.queue.leases().get("w0") == (job_id, 0):
+    while farm.queue.leases().get("w0") != (job_id, 0):
         time.sleep(0.005)
     assert jobs.cancel(farm.store, farm.queue, job_id).state == "canceling"
     assert not context.cancel_job(new_job_id())
@@ -174,7 +174,10 @@ def test_worker_makes_room_for_another_job(farm: SmallFarm, monkeypatch: pytest.
     tasks.prepare(farm.worker(), first)
     assert 1 < farm.queue.progress(first).done < 10
     hints = farm.queue.redis.lrange("rq:queue:smalti-normal", 0, -1)
-    assert [hint.decode().split("-")[1] for hint in hints][-1] == second or (contract.TASK_RENDER_RUN, first) in farm.queue.hints()
+    assert [hint.decode().split("-")[1] for hint in hints][-1] == second or (
+        contract.TASK_RENDER_RUN,
+        first,
+    ) in farm.queue.hints()
     assert (contract.TASK_RENDER_RUN, first) in farm.queue.hints()
     assert farm.queue.leases() == {}
 
@@ -208,7 +211,9 @@ def test_foreign_hints_are_refused_and_removed(farm: SmallFarm, task: str, argum
     from rq import Queue as RqQueue
 
     worker = FarmWorker(farm.worker())
-    RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer).enqueue_call(task, args=tuple(arguments))
+    RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer).enqueue_call(
+        task, args=tuple(arguments)
+    )
     called = []
     for name in ("prepare", "render_run", "scene_fault"):
         with pytest.MonkeyPatch.context() as patch:
