@@ -70,7 +70,7 @@ def encode_8bit(pixels: NDArray[np.float32], color_space: ColorSpace) -> NDArray
     table = _table(color_space)
     clamped = np.fmax(pixels, np.float32(0.0))  # fmax(NaN, 0) is 0
     np.fmin(clamped, np.float32(1.0), out=clamped)
-    clamped += np.float32(0.0)  # -0.0 becomes 0.0, whose bits index the table
+    clamped += np.float32(0.0)  # fmax may return either zero; the bits of 0.0 index the table, those of -0.0 do not
     bins = (clamped.view(np.uint32) >> np.uint32(16)).astype(np.intp)
     encoded = table.low[bins]
     encoded += clamped >= table.step[bins]
