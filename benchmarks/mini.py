@@ -126,13 +126,13 @@ def rows_of(result: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def write_page(result: dict[str, Any], folder: Path) -> None:
-    """Write mini.md, mini.json and the reduced picture."""
+    """Write mini.md, mini.json and the reduced picture (beside the picture itself when trying)."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [
         "# The MINI in the Cornell box",
         "",
-        "`make mini` renders it through HTTP and a pool of two workers. The original program would have taken about half a",
-        "year for this picture; its report says that it never finished.",
+        "`make mini` renders it through HTTP and a pool of two workers. The original program would have taken about half",
+        "a year for this picture; its report says that it never finished.",
         "",
         "| | |",
         "|---|---|",
@@ -140,12 +140,12 @@ def write_page(result: dict[str, Any], folder: Path) -> None:
         "",
         f"Machine: {machine_line(result['machine'])}.",
         "",
-        "![the MINI in the Cornell box, reduced](mini.png)",
+        "![the MINI in the Cornell box, reduced](mini-960x540.png)",
     ]
     (folder / "mini.md").write_text("\n".join(lines) + "\n")
     (folder / "mini.json").write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
     with Image.open(OUT / "mini.png") as picture:
-        picture.resize(REDUCED_PX, Image.Resampling.BOX).save(folder / "mini.png", optimize=True)
+        picture.resize(REDUCED_PX, Image.Resampling.BOX).save(folder / "mini-960x540.png", optimize=True)
 
 
 def main() -> int:
