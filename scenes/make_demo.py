@@ -254,7 +254,7 @@ def document() -> dict[str, Any]:
             "fov_deg": 36,
             "look_at": {"eye": [0.4, 2.7, 7.6], "target": [0, 1.25, -0.6], "up": [0, 1, 0]},
         },
-        "image": {"width": 800, "height": 450},
+        "image": {"width": 640, "height": 360},
         "integrator": {"type": "blinn_phong", "max_depth": 5, "shadows": True},
         "sampling": {"samples": 16, "sampler": "sobol", "seed": 0},
         "materials": MATERIALS,
