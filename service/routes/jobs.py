@@ -196,7 +196,7 @@ async def _answer_estimate(context: Context, parsed: ParsedJob) -> Response:
 async def _wait_for_end(request: Request, context: Context, job_id: str, wait_s: float) -> None:
     """Wait until the job has ended, the time is over, the client is gone or the service stops."""
     deadline = asyncio.get_running_loop().time() + wait_s
-    with context.wakeups.waiting(job_id) as waiter:
+    with context.wakeups.waiting(job_id, end_only=True) as waiter:
         while not context.wakeups.closing:
             event = await anyio.to_thread.run_sync(context.store.last_event, job_id)
             left_s = deadline - asyncio.get_running_loop().time()
