@@ -131,8 +131,8 @@ def write_page(result: dict[str, Any], folder: Path) -> None:
     lines = [
         "# The MINI in the Cornell box",
         "",
-        "`make mini` renders it through HTTP and a pool of two workers. The original program would have taken about half",
-        "a year for this picture; its report says that it never finished.",
+        "`make mini` renders it through HTTP and a pool of two workers. The original program would have taken about",
+        "half a year for this picture; its report says that it never finished.",
         "",
         "| | |",
         "|---|---|",
