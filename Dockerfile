@@ -38,7 +38,8 @@ ENV PATH=/opt/smalti/bin:$PATH \
     NUMBA_CPU_NAME=${NUMBA_CPU_NAME} \
     NUMBA_CPU_FEATURES="" \
     SMALTI_CACHE=/var/cache/smalti \
-    SMALTI_STORE=/data
+    SMALTI_STORE=/data \
+    SMALTI_READY_FILE=/tmp/smalti-ready.json
 
 RUN useradd --system --uid 10001 --user-group --home-dir /var/lib/smalti --create-home smalti \
     && install --directory --owner smalti --group smalti /data /var/cache/smalti
@@ -55,4 +56,4 @@ STOPSIGNAL SIGTERM
 # The farm writes this file once all its parts answer, and removes it at the end; workers without an API have it, too.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=60s --retries=3 CMD ["test", "-s", "/tmp/smalti-ready.json"]
 ENTRYPOINT ["smalti"]
-CMD ["serve", "--host", "0.0.0.0", "--port", "8000", "--ready-file", "/tmp/smalti-ready.json"]
+CMD ["serve", "--host", "0.0.0.0", "--port", "8000"]

@@ -209,16 +209,18 @@ def _prepare_companions(prepared: PreparedScene, name: str, asset: dict[str, Any
     """Fill in, or check, the companions of one asset; returns their faults."""
     given = asset.get("companions")
     if isinstance(given, dict):
-        return _check_companions(prepared, name, given, path)
+        # Known to be missing (null) is for readers of the document; what is rendered is what has a hash.
+        asset["companions"] = {key: digest for key, digest in given.items() if digest is not None}
+        return _check_companions(prepared, name, asset["companions"], path)
     try:
         found = discover_companions(path)
     except RemoteUriError as error:
         return [Fault(pointer_to("assets", name, "file"), str(error), "a model whose files are all local")]
     prepared.warnings += found.warnings
-    if found.files:
-        hashes = {key: sha256_file(file) if file else None for key, file in sorted(found.files.items())}
-        asset["companions"] = hashes
-        prepared.uploads |= {digest: file for key, file in found.files.items() if file and (digest := hashes[key])}
+    present = {key: file for key, file in sorted(found.files.items()) if file is not None}
+    if present:
+        asset["companions"] = {key: sha256_file(file) for key, file in present.items()}
+        prepared.uploads |= {asset["companions"][key]: file for key, file in present.items()}
     return []
 
 
@@ -226,8 +228,6 @@ def _check_companions(prepared: PreparedScene, name: str, given: dict[str, Any],
     faults = []
     root = path.parent.resolve()
     for key, digest in given.items():
-        if digest is None:
-            continue
         pointer = pointer_to("assets", name, "companions", key)
         file = (root / key).resolve()
         if not file.is_relative_to(root):

@@ -10,7 +10,6 @@ from client.api import Client, require_success
 from client.assets import prepare_scene, read_scene
 from client.formats import format_bytes, format_duration
 from client.launch import service
-from client.local import kernel_cache
 from client.progress import show_progress
 from client.report import print_report
 from client.terminal import Terminal
@@ -37,11 +36,12 @@ def run_demo(scene: Path, output: Path, *, workers: int | None, terminal: Termin
     prepared = prepare_scene(*read_scene(scene))
     for warning in prepared.warnings:
         terminal.warn(warning)
-    first_time = kernel_cache().files == 0
-    terminal.note(
-        "starting the service" + ("; it compiles its kernels first, which is needed once" if first_time else "")
-    )
-    with service(workers=workers) as running, Client(running.url) as client:
+    terminal.note("starting the service")
+
+    def tell_slow() -> None:
+        terminal.note("it compiles its kernels first; this is needed once and takes about a minute")
+
+    with service(workers=workers, slow=tell_slow) as running, Client(running.url) as client:
         terminal.note(f"the service is up at {running.url} after {format_duration(running.start_s)}")
         posted = time.monotonic()
         job = client.submit(prepared, name=prepared.document.get("name"))

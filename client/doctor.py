@@ -177,7 +177,7 @@ def _service(url: str | None) -> Iterator[Finding]:
         try:
             checks = client.readiness()
         except NotReachableError as error:
-            level = "note" if url is None and "SMALTI_URL" not in os.environ else "bad"
+            level = "note" if url is None and not os.environ.get("SMALTI_URL") else "bad"
             problem = f": {error.message}" if error.problem else "; `smalti serve` starts one"
             yield Finding(level, "service", f"none is ready at {client.url}{problem}")
             return

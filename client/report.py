@@ -32,6 +32,9 @@ def time_rows(report: Mapping[str, Any]) -> list[list[str]]:
     seconds = _mapping(report.get("seconds"))
     preparing = _mapping(seconds.get("preparing"))
     total = _number(seconds.get("total"))
+    parts = [_number(preparing.get("load")) or 0.0, _number(preparing.get("build")) or 0.0]
+    if sum(parts) > (_number(preparing.get("total")) or 0.0):
+        preparing = {"total": preparing.get("total")}  # the parts are of an earlier job that compiled the same scene
     steps = [
         ("waiting for a worker", seconds.get("queued")),
         ("preparing the scene", preparing.get("total")),

@@ -12,6 +12,7 @@ from typing import Any, cast
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from redis.exceptions import RedisError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Match, Route
@@ -114,6 +115,11 @@ def install_handlers(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
     async def on_http(request: Request, error: Exception) -> Response:
         return answer(request, from_http(request, cast("HTTPException", error), routes))
 
+    async def on_redis(request: Request, error: Exception) -> Response:
+        # Refusals of a server that does answer: still loading, read only, its disk full.
+        log.error("redis refused", error=repr(error), request_id=request.scope.get(REQUEST_ID))
+        return answer(request, from_farm(errors.QueueError()))
+
     async def on_os(request: Request, error: Exception) -> Response:
         if cast("OSError", error).errno in _FULL:
             return answer(request, from_farm(errors.StoreFullError()))
@@ -131,6 +137,7 @@ def install_handlers(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
         RequestValidationError: on_validation,
         HTTPException: on_http,
         OSError: on_os,
+        RedisError: on_redis,
         NothingMore: on_nothing_more,
     }
     for kind, handler in handlers.items():

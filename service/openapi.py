@@ -15,7 +15,7 @@ from pydantic.json_schema import models_json_schema
 from starlette.routing import BaseRoute
 
 from service import examples
-from service.problems import CATALOGUE, MEDIA_TYPE
+from service.problems import MEDIA_TYPE, PARAMETERS_INVALID, ProblemType
 from service.schemas import AssetQuery, FaultView, JobCreate, ProblemView
 
 _REF: Final = "#/components/schemas/{model}"
@@ -44,11 +44,11 @@ def json_body(model: type[BaseModel], values: Mapping[str, object]) -> dict[str,
     return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema, "examples": named}}}}
 
 
-def problem_answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return ``responses`` with the problems of these statuses; an example for each kind in the catalogue."""
+def problem_answers(*listed: ProblemType) -> dict[int | str, dict[str, Any]]:
+    """Return ``responses`` with these kinds of problems, by status, with an example for each."""
     answers: dict[int | str, dict[str, Any]] = {}
-    for status in statuses:
-        kinds = [kind for kind in CATALOGUE if kind.status == status]
+    for status in sorted({kind.status for kind in listed}):
+        kinds = [kind for kind in listed if kind.status == status]
         answers[status] = {
             "description": "; ".join(kind.title for kind in kinds),
             "content": {
@@ -96,7 +96,7 @@ def build_openapi(app: FastAPI, routes: Sequence[BaseRoute]) -> dict[str, Any]:
                     answer["content"][media_type].update(restored)
             if "application/json" in answers.get("422", {}).get("content", {}):
                 del answers["422"]["content"]["application/json"]
-                answers.update({str(key): value for key, value in problem_answers(422).items()})
+                answers.update({str(key): value for key, value in problem_answers(PARAMETERS_INVALID).items()})
             answers.setdefault("default", _any_problem())
     components.pop("HTTPValidationError", None)
     components.pop("ValidationError", None)

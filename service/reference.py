@@ -12,7 +12,7 @@ from typing import Any
 
 from service.problems import CATALOGUE
 
-_METHODS = ("get", "post", "put", "delete")
+_METHODS = ("post", "get", "put", "delete")
 
 
 def render_reference(document: Mapping[str, Any]) -> str:
@@ -62,7 +62,7 @@ def _operation(path: str, method: str, operation: Mapping[str, Any]) -> Iterator
         yield "</tbody></table>"
     for media_type, content in operation.get("requestBody", {}).get("content", {}).items():
         yield from _examples(f"Body, {media_type}", content)
-    yield "<table><thead><tr><th>Answer</th><th>Meaning</th></tr></thead><tbody>"
+    yield '<table class="answers"><thead><tr><th>Answer</th><th>Meaning</th></tr></thead><tbody>'
     for status, answer in operation["responses"].items():
         yield f"<tr><td>{_text(status)}</td><td>{_text(answer['description'])}"
         if status.startswith("2"):

@@ -15,6 +15,7 @@ import structlog
 
 from worker.errors import QueueUnavailableError
 from worker.queue import watch
+from worker.states import TERMINAL
 
 # How long a waiter trusts the subscription: a lost message (Redis restarted, say) is found out after this time.
 POLL_S: Final = 1.0
@@ -26,9 +27,10 @@ log = structlog.get_logger()
 
 
 class Waiter:
-    """One who waits for news of a job."""
+    """One who waits for news of a job; with `end_only`, for the news that it has ended."""
 
-    def __init__(self, hub: "Wakeups") -> None:
+    def __init__(self, hub: "Wakeups", *, end_only: bool = False) -> None:
+        self.end_only = end_only
         self._hub = hub
         self._flag = asyncio.Event()
 
@@ -83,9 +85,9 @@ class Wakeups:
             self._task = None
 
     @contextmanager
-    def waiting(self, job_id: str) -> Iterator[Waiter]:
+    def waiting(self, job_id: str, *, end_only: bool = False) -> Iterator[Waiter]:
         """Listen for news of a job from now on; look at the store after entering, then wait."""
-        waiter = Waiter(self)
+        waiter = Waiter(self, end_only=end_only)
         self._waiters[job_id].add(waiter)
         try:
             yield waiter
@@ -95,10 +97,13 @@ class Wakeups:
             if not waiters:
                 del self._waiters[job_id]
 
-    def wake(self, job_id: str) -> None:
-        """Wake those who wait for this job."""
+    def hear(self, message: str) -> None:
+        """Wake those whom a message ("<job> <number> <state>") concerns."""
+        job_id, _, rest = message.partition(" ")
+        has_ended = rest.rpartition(" ")[2] in TERMINAL
         for waiter in self._waiters.get(job_id, ()):
-            waiter.wake()
+            if has_ended or not waiter.end_only:
+                waiter.wake()
 
     def _wake_all(self) -> None:
         for waiters in self._waiters.values():
@@ -114,7 +119,7 @@ class Wakeups:
                             self.connected = True
                             self._wake_all()
                         else:
-                            self.wake(message.partition(" ")[0])
+                            self.hear(message)
             except QueueUnavailableError:
                 if self.connected:
                     log.warning("subscription lost")

@@ -6,6 +6,7 @@ No engine runs here. What a parser can see is seen: images, stages, users, ports
 import fnmatch
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import tomllib
@@ -17,6 +18,7 @@ import yaml
 from typer.main import get_command
 
 from client.cli import app
+from worker.settings import FarmSettings
 
 ROOT = Path(__file__).parents[1]
 INSTRUCTIONS = {
@@ -140,7 +142,14 @@ def test_the_command_of_the_image_exists() -> None:
     assert entry[0] in scripts
     parameters = check_smalti_arguments(json.loads(last("CMD")))
     assert (parameters["host"], parameters["port"]) == ("0.0.0.0", int(last("EXPOSE")))
-    assert str(parameters["ready_file"]) == json.loads(last("HEALTHCHECK").partition(" CMD ")[2])[-1]
+
+
+def test_health_is_the_file_that_the_farm_writes() -> None:
+    environment = dict(word.split("=", 1) for name, one in final_stage() if name == "ENV" for word in shlex.split(one))
+    ready = FarmSettings.model_config["env_prefix"] + "ready_file".upper()
+    assert "ready_file" in FarmSettings.model_fields
+    assert json.loads(last("HEALTHCHECK").partition(" CMD ")[2]) == ["test", "-s", environment[ready]]
+    assert all("healthcheck" not in SERVICES[name] for name in ("api", "worker")), "the image's own counts for both"
 
 
 @pytest.mark.parametrize("name", sorted(SERVICES))
@@ -191,8 +200,6 @@ def test_commands_of_the_containers_exist_and_agree() -> None:
         "the API's container renders nothing, the others on all cores"
     )
     assert worker["steward"] is False
-    ready = json.loads(last("HEALTHCHECK").partition(" CMD ")[2])[-1]
-    assert str(api["ready_file"]) == str(worker["ready_file"]) == ready
 
 
 def test_no_registry_and_no_secret_in_the_files() -> None:

@@ -109,6 +109,9 @@ else:
         negative. The caller keeps the array alive.
         """
 
+        if array.layout != "C":
+            raise numba.errors.TypingError("pointer() needs a C-contiguous array")
+
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 

@@ -164,7 +164,8 @@ class Assembly:
         )
         (self._folder / REPORT).write_bytes(report)
         names = (RESULT_EXR, RESULT_PNG, PREVIEW_PNG, REPORT)
-        store.commit_result(job_id, {name: self._folder / name for name in names})
+        # The writer has brought its two files to the disk.
+        store.commit_result(job_id, {name: self._folder / name for name in names}, synced=(RESULT_EXR, RESULT_PNG))
         jobs.transition(
             store, self._queue, job_id, JobState.SUCCEEDED, by=self._owner, detail=summarize(self._totals, film_sha256)
         )

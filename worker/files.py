@@ -13,7 +13,8 @@ import errno
 import os
 import secrets
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -60,6 +61,25 @@ def fsync_folder(path: StrPath) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def fsync_files(paths: Sequence[StrPath]) -> None:
+    """Make the content of files durable; several at once, because the disk commits them together in one wait."""
+
+    def sync(path: StrPath) -> None:
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    with full_is_clear():
+        if len(paths) < 2:
+            for path in paths:
+                sync(path)
+            return
+        with ThreadPoolExecutor(len(paths)) as pool:
+            list(pool.map(sync, paths))
 
 
 def move_if_absent(source: StrPath, target: StrPath) -> bool:

@@ -315,7 +315,7 @@ def views(
         if limit <= 0:
             return
         with suppress(JobNotFoundError):  # deleted meanwhile
-            if state is not None and store.last_event(job_id).state is not state:
+            if state is not None and (store.remembered_end(job_id) or store.last_event(job_id).state) is not state:
                 continue
             found = view(store, queue, job_id)
             if found.record.owner == owner and state in {None, found.state}:

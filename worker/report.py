@@ -8,6 +8,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import metadata
 from typing import Any
 
@@ -45,6 +46,11 @@ class TileTotals:
     def rendering_s(self) -> float:
         """Seconds from the first lease to the last tile."""
         return max(0.0, self.last_finish - self.first_lease)
+
+
+@lru_cache(maxsize=1)
+def _version() -> str:
+    return metadata.version("smalti")  # reads files: 5 ms
 
 
 def summarize(totals: TileTotals, film_sha256: str) -> dict[str, Any]:
@@ -103,7 +109,7 @@ def build_report(
         "job": record.id,
         "film_sha256": film_sha256,
         "scene_sha256": record.scene_sha256,
-        "version": metadata.version("smalti"),
+        "version": _version(),
         "backend": plan.get("backend"),
         "arithmetic": plan.get("arithmetic"),
         "seed": plan.get("seed"),

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 import structlog
 
 from worker import contract, jobs
-from worker.errors import DamagedRecordError, FarmError, JobNotFoundError, QueueError
+from worker.errors import BadNameError, DamagedRecordError, FarmError, JobNotFoundError, QueueError
 from worker.grid import grid_of
 from worker.leases import lease_lost
 from worker.queue import Queue
@@ -28,6 +28,8 @@ log = structlog.get_logger()
 _SWEEP_EVERY_S = 60.0
 _ABANDONED_S = 3600.0
 _FORGET_WORKER_S = 60.0
+# A queued job whose cancel was cut short is found when its hint comes up, or after this many looks.
+_HINTED_EVERY = 10
 
 
 class Steward:
@@ -54,11 +56,13 @@ class Steward:
     def run(self) -> None:
         """Tick until stopped."""
         next_look = next_sweep = 0.0
+        n_looks = 0
         while not self._stopped.is_set():
             try:
                 is_fresh = self.tick()
                 if time.monotonic() >= next_look and not is_fresh:
-                    self.reconcile()
+                    n_looks += 1
+                    self.reconcile(hinted=n_looks % _HINTED_EVERY == 0)
                 if time.monotonic() >= next_look or is_fresh:
                     next_look = time.monotonic() + contract.RECONCILE_EVERY_S
                 if time.monotonic() >= next_sweep:
@@ -88,13 +92,15 @@ class Steward:
 
     # ---- reconcile --------------------------------------------------------------------------------------------------
 
-    def reconcile(self, *, everything: bool = False) -> int:
+    def reconcile(self, *, everything: bool = False, hinted: bool = False) -> int:
         """Compare store and index.
 
         Parameters
         ----------
         everything
             Take nothing in the index for granted; else only see to jobs that stand still.
+        hinted
+            Open also jobs whose preparation is hinted at.
 
         Returns
         -------
@@ -106,10 +112,10 @@ class Steward:
         leased = {(job_id, tile is None) for job_id, tile in queue.leases().values()}
         in_index = queue.active_jobs()
         n_open = 0
-        stored: set[str] = set()
-        for job_id in self._store.job_ids():
-            stored.add(job_id)
-            if job_id in self._ended and job_id not in in_index:
+        stored = set(self._store.job_names())
+        for job_id in sorted(stored - (self._ended - in_index)):
+            if not (everything or hinted) and (contract.TASK_PREPARE, job_id) in hints:
+                n_open += 1  # its turn will come: ten thousand waiting jobs are not opened every few seconds
                 continue
             try:
                 event = self._store.last_event(job_id)
@@ -118,7 +124,7 @@ class Steward:
                     continue
                 n_open += 1
                 self._see_to(job_id, event, hints, leased, in_index, everything=everything)
-            except JobNotFoundError:
+            except (JobNotFoundError, BadNameError):
                 continue
             except DamagedRecordError as error:
                 log.error("job damaged", job=job_id, error=str(error))  # noqa: TRY400 - the message says it all

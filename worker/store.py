@@ -25,7 +25,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -108,11 +108,9 @@ class Store(Uploads):
                 (folder / "tiles").mkdir()
                 # Not fsynced: `_read_event` makes it again from the record, and every wait for the disk counts here.
                 (folder / "events" / _event_name(1)).write_bytes(event.to_json())
-                for name, data in (("job.json", record.to_json()), ("scene.json", scene_json)):
-                    with (folder / name).open("xb") as file:
-                        file.write(data)
-                        file.flush()
-                        os.fsync(file.fileno())
+                (folder / "job.json").write_bytes(record.to_json())
+                (folder / "scene.json").write_bytes(scene_json)
+                files.fsync_files([folder / "job.json", folder / "scene.json"])
                 files.fsync_folder(folder)
             return files.publish_folder(folder, target)
         finally:
@@ -128,10 +126,14 @@ class Store(Uploads):
 
     def job_ids(self, *, before: str | None = None) -> Iterator[str]:
         """Yield the ids of all jobs, newest first; only those older than `before` if given (a page's cursor)."""
-        for name in sorted(os.listdir(self._jobs), reverse=True):
+        for name in sorted(self.job_names(), reverse=True):
             if before is None or name < before:
                 with suppress(BadNameError):
                     yield check_job_id(name)
+
+    def job_names(self) -> list[str]:
+        """Return the names in the folder of jobs, unsorted and unchecked: 10,000 in 3 ms."""
+        return os.listdir(self._jobs)
 
     def delete_job(self, job_id: str) -> None:
         """Remove a job with all its files and its idempotency record; `JobNotFoundError` where there is none.
@@ -174,6 +176,11 @@ class Store(Uploads):
                 self._terminal.clear()
             self._terminal[job_id] = event
         return event
+
+    def remembered_end(self, job_id: str) -> JobState | None:
+        """Return the terminal state that this object has seen of a job, without looking (it may be deleted since)."""
+        event = self._terminal.get(job_id)
+        return event.state if event is not None else None
 
     def events(self, job_id: str, after: int = 0) -> list[JobEvent]:
         """Return the events with a number above `after`, in order."""
@@ -299,7 +306,7 @@ class Store(Uploads):
         """Whether this result is there."""
         return self.result_path(job_id, name).is_file()
 
-    def commit_result(self, job_id: str, parts: Mapping[str, Path]) -> None:
+    def commit_result(self, job_id: str, parts: Mapping[str, Path], *, synced: Collection[str] = ()) -> None:
         """Move finished files of results into place, all of them durable; existing ones are replaced by equal bytes.
 
         Parameters
@@ -308,14 +315,12 @@ class Store(Uploads):
             Whose.
         parts
             Name of the result -> finished file on the same filesystem.
+        synced
+            Names of those that were written through to the disk already.
         """
+        files.fsync_files([path for name, path in parts.items() if name not in synced])
         with files.full_is_clear():
             for name, path in parts.items():
-                descriptor = os.open(path, os.O_RDONLY)
-                try:
-                    os.fsync(descriptor)
-                finally:
-                    os.close(descriptor)
                 path.replace(self.result_path(job_id, name))
             files.fsync_folder(self.job_dir(job_id))
 

@@ -19,9 +19,8 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import structlog
 
@@ -95,6 +94,7 @@ class Supervisor:
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._main, name="supervisor")
         self._log_file: IO[bytes] | None = None
+        self._is_announced = False
 
     # ---- life -------------------------------------------------------------------------------------------------------
 
@@ -139,6 +139,7 @@ class Supervisor:
             facts = {"url": self.url, "redis_url": self.redis_url, "pid": os.getpid()}
             path = self.settings.ready_file
             replace(path, json.dumps(facts).encode(), path.parent, durable=False)
+            self._is_announced = True
         log.info("ready", url=self.url, workers=self.settings.workers)
         if self._ready is not None:
             self._ready(self)
@@ -150,7 +151,7 @@ class Supervisor:
         self._news.put(None)
         if self._thread.ident is not None:
             self._thread.join()
-        if self.settings.ready_file is not None:
+        if self._is_announced and self.settings.ready_file is not None:
             self.settings.ready_file.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
@@ -206,9 +207,13 @@ class Supervisor:
             self.redis_url = self._server.url
         self._queue = Queue(self.redis_url)
         if self.settings.api:
-            self._socket = socket.create_server((self.settings.host, self.settings.port), backlog=1024)
-            # uvicorn takes a descriptor for a unix socket, so nobody turns Nagle's algorithm off for it, and each answer
-            # waits 40 ms for the client's delayed acknowledgement. Accepted connections inherit this.
+            address = (self.settings.host, self.settings.port)
+            try:
+                self._socket = socket.create_server(address, backlog=1024)
+            except OSError as error:
+                raise FarmError(f"cannot listen at {address[0]}:{address[1]}: {error.strerror}") from error
+            # uvicorn takes a descriptor for a unix socket, so nobody turns Nagle's algorithm off for it, and each
+            # answer waits 40 ms for the client's delayed acknowledgement. Accepted connections inherit this.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             host, port = self._socket.getsockname()[:2]
             self.url = f"http://{host}:{port}"
@@ -362,17 +367,3 @@ class Supervisor:
             return False
         finally:
             connection.close()
-
-
-def default_settings(**changes: Any) -> FarmSettings:
-    """Return settings from the environment with some changed."""
-    return FarmSettings(**changes)
-
-
-def ready_facts(path: Path) -> dict[str, Any] | None:
-    """Return what a ready file says, or None while there is none."""
-    try:
-        facts: dict[str, Any] = json.loads(path.read_bytes())
-    except (FileNotFoundError, ValueError):
-        return None
-    return facts

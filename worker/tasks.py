@@ -56,7 +56,9 @@ def prepare(context: WorkerContext, job_id: str) -> None:
     """
     store, queue = context.store, context.queue
     try:
-        if store.last_event(job_id).state not in {JobState.QUEUED, JobState.PREPARING}:
+        state = store.last_event(job_id).state
+        if state not in {JobState.QUEUED, JobState.PREPARING}:
+            _stop_if_canceled(context, job_id, state)
             return
         with context.working_on(job_id):
             if not context.lease_preparation(job_id):

@@ -45,7 +45,12 @@ Sha256Path = Annotated[
     "/assets:missing",
     summary="Which of these assets are missing?",
     response_model=AssetAnswer,
-    responses={200: examples.answer(examples.ASSETS_MISSING), **problem_answers(400, 413, 415, 422)},
+    responses={
+        200: {"description": "Those that are missing.", **examples.answer(examples.ASSETS_MISSING)},
+        **problem_answers(
+            problems.MALFORMED_JSON, problems.TOO_LARGE, problems.MEDIA_TYPE_UNSUPPORTED, problems.REQUEST_INVALID
+        ),
+    },
     openapi_extra=json_body(AssetQuery, {"two": examples.ASSETS_QUERY}),
 )
 async def find_missing(request: Request, context: InContext) -> Response:
@@ -67,7 +72,7 @@ async def find_missing(request: Request, context: InContext) -> Response:
     responses={
         200: {"model": AssetView, "description": "It was here already.", **examples.answer(examples.ASSET_PRESENT)},
         201: {"description": "Stored.", **examples.answer(examples.ASSET_CREATED)},
-        **problem_answers(413, 422, 507),
+        **problem_answers(problems.TOO_LARGE, problems.HASH_MISMATCH, problems.STORE_UNAVAILABLE, problems.STORE_FULL),
     },
     openapi_extra={
         "requestBody": {

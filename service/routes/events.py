@@ -16,7 +16,7 @@ from fastapi import APIRouter, Depends, Header
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from starlette.requests import Request
 
-from service import examples
+from service import examples, problems
 from service.context import Context, InContext
 from service.handlers import NothingMore
 from service.middleware import HEAD_FLAG
@@ -89,7 +89,7 @@ async def find_start(
             "content": {"text/event-stream": {"example": examples.EVENTS}},
         },
         204: {"description": "The client has had the terminal event: nothing follows."},
-        **problem_answers(404),
+        **problem_answers(problems.JOB_NOT_FOUND),
     },
 )
 async def follow_job(

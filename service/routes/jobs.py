@@ -58,7 +58,19 @@ JobId = Annotated[str, Path(description="The job's id.", examples=[examples.JOB_
             "headers": {"Location": {"description": "The job's path.", "schema": {"type": "string"}}},
             **examples.answer(examples.JOB_RUNNING),
         },
-        **problem_answers(400, 409, 413, 415, 422, 507),
+        **problem_answers(
+            problems.MALFORMED_JSON,
+            problems.ASSETS_MISSING,
+            problems.IDEMPOTENCY_IN_FLIGHT,
+            problems.TOO_LARGE,
+            problems.MEDIA_TYPE_UNSUPPORTED,
+            problems.SCENE_INVALID,
+            problems.REQUEST_INVALID,
+            problems.PARAMETERS_INVALID,
+            problems.IDEMPOTENCY_MISMATCH,
+            problems.STORE_UNAVAILABLE,
+            problems.STORE_FULL,
+        ),
     },
     openapi_extra=json_body(JobCreate, {"a red sphere": examples.JOB_CREATE}),
 )
@@ -184,7 +196,7 @@ async def _answer_estimate(context: Context, parsed: ParsedJob) -> Response:
 async def _wait_for_end(request: Request, context: Context, job_id: str, wait_s: float) -> None:
     """Wait until the job has ended, the time is over, the client is gone or the service stops."""
     deadline = asyncio.get_running_loop().time() + wait_s
-    with context.wakeups.waiting(job_id) as waiter:
+    with context.wakeups.waiting(job_id, end_only=True) as waiter:
         while not context.wakeups.closing:
             event = await anyio.to_thread.run_sync(context.store.last_event, job_id)
             left_s = deadline - asyncio.get_running_loop().time()
@@ -202,7 +214,10 @@ def _answer_job(snapshot: Snapshot, status: int, headers: dict[str, str]) -> Res
     "/jobs",
     summary="List jobs, newest first",
     response_model=JobPage,
-    responses={200: examples.answer(examples.JOB_PAGE), **problem_answers(422)},
+    responses={
+        200: {"description": "A page.", **examples.answer(examples.JOB_PAGE)},
+        **problem_answers(problems.PARAMETERS_INVALID),
+    },
 )
 async def list_jobs(
     request: Request,
@@ -223,9 +238,9 @@ async def list_jobs(
     summary="State and progress of a job",
     response_model=JobView,
     responses={
-        200: examples.answer(examples.JOB_RUNNING),
+        200: {"description": "The job.", **examples.answer(examples.JOB_RUNNING)},
         304: {"description": "Unchanged since the ETag in If-None-Match."},
-        **problem_answers(404),
+        **problem_answers(problems.JOB_NOT_FOUND),
     },
 )
 async def get_job(request: Request, context: InContext, job_id: JobId) -> Response:
@@ -239,7 +254,13 @@ async def get_job(request: Request, context: InContext, job_id: JobId) -> Respon
     summary="Cancel a job",
     status_code=202,
     response_model=JobView,
-    responses={202: examples.answer({**examples.JOB_RUNNING, "state": "canceling"}), **problem_answers(404, 409)},
+    responses={
+        202: {
+            "description": "It is being canceled, or is canceled already.",
+            **examples.answer({**examples.JOB_RUNNING, "state": "canceling"}),
+        },
+        **problem_answers(problems.JOB_NOT_FOUND, problems.ILLEGAL_TRANSITION),
+    },
 )
 async def cancel_job(context: InContext, job_id: JobId) -> Response:
     """Stop a job: kernels end within about a second. Asked again meanwhile, the answer is the same."""
@@ -256,7 +277,7 @@ async def cancel_job(context: InContext, job_id: JobId) -> Response:
     "/jobs/{job_id}",
     summary="Remove a job and its results",
     status_code=204,
-    responses={204: {"description": "Gone."}, **problem_answers(404, 409)},
+    responses={204: {"description": "Gone."}, **problem_answers(problems.JOB_NOT_FOUND, problems.JOB_RUNNING)},
 )
 async def delete_job(context: InContext, job_id: JobId) -> Response:
     """Remove a job that has ended; 409 while it runs."""

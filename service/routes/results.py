@@ -35,7 +35,9 @@ def _file_answers(media_type: str, schema: dict[str, Any]) -> dict[int | str, di
         200: {"description": "The file.", "headers": headers, "content": content},
         206: {"description": "The range asked for.", "headers": headers, "content": content},
         304: {"description": "Unchanged since the ETag in If-None-Match."},
-        **problem_answers(404, 409, 416),
+        **problem_answers(
+            problems.JOB_NOT_FOUND, problems.NOT_READY, problems.NO_RESULT, problems.RANGE_NOT_SATISFIABLE
+        ),
     }
 
 
@@ -117,7 +119,7 @@ async def get_report(request: Request, context: InContext, job_id: JobId) -> Res
             "content": {"application/json": {"schema": {"$ref": "#/components/schemas/SceneDoc"}}},
         },
         304: {"description": "Unchanged since the ETag in If-None-Match."},
-        **problem_answers(404),
+        **problem_answers(problems.JOB_NOT_FOUND),
     },
 )
 async def get_scene(request: Request, context: InContext, job_id: JobId) -> Response:

@@ -38,7 +38,7 @@ _MIN_FREE_BYTES: Final = 64 << 20
     "/healthz",
     summary="Is the process alive?",
     response_model=Health,
-    responses={200: examples.answer(examples.HEALTH)},
+    responses={200: {"description": "It is.", **examples.answer(examples.HEALTH)}},
 )
 async def get_health() -> Response:
     """Answer."""
@@ -49,7 +49,10 @@ async def get_health() -> Response:
     "/readyz",
     summary="Can jobs be accepted and rendered?",
     response_model=Readiness,
-    responses={200: examples.answer(examples.READY), **problem_answers(503)},
+    responses={
+        200: {"description": "They can.", **examples.answer(examples.READY)},
+        **problem_answers(problems.NOT_READY_SERVICE),
+    },
 )
 async def get_readiness(context: InContext) -> Response:
     """Try the store with a write, Redis with a ping, and look for a live worker."""
@@ -98,7 +101,10 @@ def _check_store(context: Context) -> str | None:
     "/v1/workers",
     summary="The live workers",
     response_model=WorkerList,
-    responses={200: examples.answer(examples.WORKERS), **problem_answers(503)},
+    responses={
+        200: {"description": "Those heard of lately.", **examples.answer(examples.WORKERS)},
+        **problem_answers(problems.QUEUE_UNAVAILABLE),
+    },
 )
 async def list_workers(context: InContext) -> Response:
     """Return the workers heard of in the last seconds, and what they are at."""

@@ -94,7 +94,7 @@ def test_companions_are_found_hashed_and_uploaded(tmp_path: Path) -> None:
     (tmp_path / "t.png").write_bytes(b"png")
     prepared = prepare_scene(scene(m={"file": "a.obj"}), tmp_path)
     mtl = sha((tmp_path / "a.mtl").read_bytes())
-    assert prepared.document["assets"]["m"]["companions"] == {"a.mtl": mtl, "gone.png": None, "t.png": sha(b"png")}
+    assert prepared.document["assets"]["m"]["companions"] == {"a.mtl": mtl, "t.png": sha(b"png")}
     assert prepared.uploads[mtl] == tmp_path / "a.mtl"
     assert prepared.uploads[sha(b"png")] == tmp_path / "t.png"
     assert "gone.png" in prepared.warnings[0]
@@ -111,11 +111,9 @@ def test_given_companions_are_checked_and_not_discovered(tmp_path: Path) -> None
         with pytest.raises(AssetError) as caught:
             prepare_scene(scene(m={"file": "a.obj", "companions": companions}), tmp_path)
         assert caught.value.faults[0].pointer == pointer
-    none: dict[str, object] = {"a.mtl": None}
-    assert (
-        prepare_scene(scene(m={"file": "a.obj", "companions": none}), tmp_path).document["assets"]["m"]["companions"]
-        == none
-    )
+    none = {"file": "a.obj", "companions": {"a.mtl": None}}
+    prepared = prepare_scene(scene(m=none), tmp_path)
+    assert prepared.document["assets"]["m"]["companions"] == {}, "known to be missing: never read, never sent"
 
 
 def test_remote_uri_in_a_model_is_a_fault_of_the_asset(tmp_path: Path) -> None:

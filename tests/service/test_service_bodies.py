@@ -1,6 +1,7 @@
 """Bad bodies: each gets a problem that names every fault, none gets a 500."""
 
 import json
+import socket
 from typing import Any
 
 import httpx
@@ -133,6 +134,14 @@ def test_assets_without_a_hash_are_refused(farm: Farm) -> None:
 def test_a_body_over_the_limit_is_refused_by_its_announcement(farm: Farm) -> None:
     problem = assert_problem(send(farm, b" " * ((4 << 20) + 1)), 413, "too-large")
     assert problem["limit_bytes"] == 4 << 20
+
+
+def test_the_announcement_is_enough(farm: Farm) -> None:
+    host, port = farm.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=10) as connection:
+        head = f"POST /v1/jobs HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\nContent-Length: {1 << 40}\r\n\r\n"
+        connection.sendall(head.encode())
+        assert connection.recv(4096).startswith(b"HTTP/1.1 413 ")
 
 
 def test_a_body_over_the_limit_is_refused_while_it_arrives(farm: Farm) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from redis.exceptions import ResponseError
 from service_farm import MINIMAL, Farm, assert_problem, scene, serve
 
 from service.problems import CATALOGUE
@@ -184,6 +185,14 @@ def test_without_redis_what_needs_it_says_so(lonely: Farm) -> None:
     assert problem["checks"]["queue"] == "Redis does not answer"
     assert lonely.client.get("/healthz").status_code == 200
     assert "smalti_queue_up 0.0" in lonely.client.get("/metrics").text
+
+
+def test_a_redis_that_refuses_is_an_outage_and_no_bug(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise ResponseError("MISCONF Errors writing to the AOF file: No space left on device")
+
+    monkeypatch.setattr(farm.context.queue, "workers", refuse)
+    assert_problem(farm.client.get("/v1/workers"), 503, "queue-unavailable")
 
 
 # ---- pages -----------------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import time
 import pytest
 from service_farm import FLOW, Farm, assert_problem, scene
 
+import service.wakeups
 from worker.states import JobState
 
 
@@ -77,7 +78,9 @@ def test_unknown_ids_are_not_found(farm: Farm, job_id: str, rest: str) -> None:
 # ---- Prefer: wait ----------------------------------------------------------------------------------------------------
 
 
-def test_prefer_wait_answers_200_as_soon_as_the_job_has_ended(farm: Farm) -> None:
+def test_prefer_wait_answers_200_as_soon_as_the_job_has_ended(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service.wakeups, "POLL_S", 10.0)  # only the message can tell in time
+
     def work() -> None:
         while True:
             for job_id in farm.store.job_ids():

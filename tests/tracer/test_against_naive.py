@@ -5,11 +5,13 @@ edge, of a silhouette or of a shadow's border the two may see different surfaces
 """
 
 import functools
+import json
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from scenes import make_textures
 from tests.kernel_pictures import SAMPLERS, render_kernel, render_oracle
 from tests.random_scenes import random_document
 
@@ -69,3 +71,13 @@ def test_textured_scene(seed, picture):
     path, levels = picture
     doc = random_document(seed, textured=True) | {"assets": {"picture": {"file": path.name}}}
     assert differing(doc, 1e-6, lambda _: path, {"picture": levels})[0] <= 1
+
+
+def test_scene_of_textures():
+    """``scenes/textures.json``, small."""
+    doc = json.loads((make_textures.FOLDER / "textures.json").read_text())
+    doc["image"] = {"width": 84, "height": 48}
+    doc["sampling"] = {"samples": 2, "seed": 3, "sampler": "stratified"}
+    wrong, seen = differing(doc, 1e-6, lambda _: make_textures.IMAGE, {"tiles": make_textures.tile()})
+    assert wrong <= 2
+    assert seen > 1000

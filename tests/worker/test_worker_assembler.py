@@ -117,7 +117,7 @@ def test_crash_at_each_step_of_the_commit(farm: SmallFarm, monkeypatch: pytest.M
     Assembler(farm.store, farm.queue, "assembler").advance(job_id)
     assert farm.state(job_id) == "succeeded"
     farm.steward.reconcile(everything=True)
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     farm.queue.sweep_hints()
     farm.queue.unclaim(job_id, "assembler")
     assert audit(farm.store, farm.queue) == []

@@ -1,6 +1,5 @@
 """A Valkey of our own: private, one a store, back after a kill."""
 
-import os
 import stat
 from pathlib import Path
 
@@ -16,8 +15,8 @@ def test_server_is_private_and_keeps_its_data(tmp_path: Path):
     server = EmbeddedServer(tmp_path / "v")
     server.start()
     try:
-        assert stat.S_IMODE(os.stat(tmp_path / "v").st_mode) == 0o700
-        assert stat.S_IMODE(os.stat(server.socket).st_mode) == 0o700
+        assert stat.S_IMODE((tmp_path / "v").stat().st_mode) == 0o700
+        assert stat.S_IMODE(server.socket.stat().st_mode) == 0o700
         queue = Queue(server.url)
         settings = queue.redis.config_get()
         assert (settings["port"], settings["appendonly"], settings["maxmemory-policy"]) == ("0", "yes", "noeviction")
@@ -65,7 +64,7 @@ def test_path_with_spaces(tmp_path: Path):
 def test_failed_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     server = EmbeddedServer(tmp_path / "v")
     (tmp_path / "v" / "appendonlydir").write_text("not a folder")
-    with pytest.raises(ServerStartError, match="appendonlydir|Valkey did not come up"):
+    with pytest.raises(ServerStartError, match=r"appendonlydir|Valkey did not come up"):
         server.start(timeout_s=5.0)
     server.close()
     assert embedded._MAX_SOCKET_PATH < 104

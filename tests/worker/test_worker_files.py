@@ -44,7 +44,9 @@ def test_filesystem_without_noreplace_falls_back(tmp_path: Path, monkeypatch: py
     assert not files.create(tmp_path / "a", b"two", tmp_path)
 
 
-def _race(folder: str, who: int, barrier: "multiprocessing.synchronize.Barrier", results: "multiprocessing.Queue[int]") -> None:
+def _race(
+    folder: str, who: int, barrier: "multiprocessing.synchronize.Barrier", results: "multiprocessing.Queue[int]"
+) -> None:
     won = 0
     for index in range(150):
         barrier.wait()

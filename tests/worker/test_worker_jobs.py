@@ -86,12 +86,13 @@ def test_cancel_while_the_queue_is_away_is_finished_later(farm: SmallFarm, away:
     job_id = farm.submit()
     assert jobs.cancel(farm.store, away, job_id).state is JobState.CANCELING
     assert jobs.cancel(farm.store, away, job_id).state is JobState.CANCELING  # again: the same
-    farm.steward.reconcile()
+    farm.steward.reconcile(hinted=True)
     assert farm.state(job_id) == "canceled"
 
 
 def test_leased_job_is_canceling_until_the_worker_lets_go(farm: SmallFarm):
     job_id = farm.submit(width=32, height=32)
+    farm.drop_hints()
     for state in (JobState.PREPARING, JobState.RENDERING):
         farm.store.transition(job_id, state, by="w")
     farm.queue.init_job(job_id, 4, 2)

@@ -5,10 +5,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from worker.errors import BadNameError, DamagedRecordError
-from worker.records import JobEvent, JobRecord, check_job_id, check_owner, check_sha256, new_job_id, now, seconds_between
+from worker.records import (
+    JobEvent,
+    JobRecord,
+    check_job_id,
+    check_owner,
+    check_sha256,
+    new_job_id,
+    now,
+    seconds_between,
+)
 from worker.states import JobState
 
-PATHS = ["", ".", "..", "../../etc/passwd", "a/b", "0" * 25, "0" * 27, "8" + "0" * 25, "I" * 26, "0" * 25 + "\n", "0" * 25 + "/"]
+PATHS = [
+    "",
+    ".",
+    "..",
+    "../../etc/passwd",
+    "a/b",
+    "0" * 25,
+    "0" * 27,
+    "8" + "0" * 25,
+    "I" * 26,
+    "0" * 25 + "\n",
+    "0" * 25 + "/",
+]
 
 
 def test_ids_are_26_characters_and_ascend():

@@ -39,7 +39,8 @@ def test_every_state_is_reached_and_ends():
             break
         reached = further
     assert reached == set(JobState)
-    for state in JobState:
+    for start in JobState:
+        state = start
         while state not in TERMINAL:
             state = allowed_from(state)[-1]
 

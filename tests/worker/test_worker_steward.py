@@ -20,6 +20,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def rendering(farm: SmallFarm, n_done: int = 0) -> str:
     job_id = farm.submit(width=64, height=32)
+    farm.drop_hints()
     for state in (JobState.PREPARING, JobState.RENDERING):
         farm.store.transition(job_id, state, by="w")
     farm.queue.init_job(job_id, 8, 4)
@@ -74,7 +75,7 @@ def test_real_restart_brings_back_the_file_and_a_new_epoch(tmp_path, farm: Small
 
 def test_overdue_lease_is_noted_hinted_and_counted(farm: SmallFarm):
     job_id = rendering(farm)
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     epoch = farm.queue.epoch()
     for losses in range(1, contract.MAX_TILE_LOSSES + 1):
         assert farm.queue.lease_next(epoch, job_id, "w").tile == 0
@@ -92,7 +93,7 @@ def test_overdue_lease_is_noted_hinted_and_counted(farm: SmallFarm):
 def test_lost_preparation_is_hinted_again(farm: SmallFarm):
     job_id = farm.submit()
     farm.store.transition(job_id, JobState.PREPARING, by="w")
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     farm.queue.lease_preparation(farm.queue.epoch(), job_id, "w")
     farm.steward.reconcile()
     assert farm.queue.hints() == set()  # somebody is at it
@@ -103,7 +104,7 @@ def test_lost_preparation_is_hinted_again(farm: SmallFarm):
 
 def test_lost_hint_comes_again_and_only_once(farm: SmallFarm):
     job_id = farm.submit()
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     for _ in range(3):
         farm.steward.reconcile()
     assert farm.queue.queue_lengths()[contract.QUEUE_NORMAL] == 1
@@ -113,14 +114,14 @@ def test_lost_hint_comes_again_and_only_once(farm: SmallFarm):
 def test_fresh_job_is_left_alone(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(contract, "STALLED_AFTER_S", 60.0)
     farm.submit()
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     farm.steward.reconcile()
     assert farm.queue.hints() == set()
 
 
 def test_job_that_is_worked_on_is_left_alone_until_a_worker_idles(farm: SmallFarm):
     job_id = rendering(farm)
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     farm.queue.lease_next(farm.queue.epoch(), job_id, "w")
     farm.steward.reconcile()
     assert farm.queue.hints() == set()
@@ -133,7 +134,7 @@ def test_tile_on_disk_that_the_index_missed_is_counted(farm: SmallFarm):
     job_id = rendering(farm)
     for tile in range(8):
         farm.store.write_tile(job_id, tile, b"x")
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     farm.queue.report_worker("idle", {"state": "idle"})
     farm.steward.reconcile()
     assert farm.queue.progress(job_id).done == 8
@@ -158,6 +159,7 @@ def test_deleted_job_leaves_the_index(farm: SmallFarm):
 def test_ended_jobs_are_opened_once_even_across_restarts(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
     for _ in range(20):
         jobs.cancel(farm.store, farm.queue, farm.submit())
+    farm.drop_hints()
     farm.steward.reconcile()
     farm.steward.sweep()
     opened = []
@@ -165,6 +167,13 @@ def test_ended_jobs_are_opened_once_even_across_restarts(farm: SmallFarm, monkey
     monkeypatch.setattr(type(farm.store), "_read", lambda *a: opened.append(a[1:]) or real(*a))
     Steward(farm.store, farm.queue).reconcile(everything=True)
     assert opened == []
+
+
+def test_waiting_jobs_are_not_opened_again(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    for _ in range(20):
+        farm.submit()
+    monkeypatch.setattr(farm.store, "last_event", pytest.fail)
+    assert farm.steward.reconcile() == 20
 
 
 def test_damaged_job_does_not_stop_the_others(farm: SmallFarm):

@@ -83,7 +83,14 @@ def test_event_that_a_power_failure_emptied_is_dropped(store: Store, job_id: str
 
 @pytest.mark.parametrize("name", ["", "..", "../x", "a/../../b", "X" * 26])
 def test_no_path_comes_from_a_bad_name(store: Store, name: str):
-    for call in (store.read_job, store.last_event, store.done_tiles, store.delete_job, store.has_asset, store.asset_path):
+    for call in (
+        store.read_job,
+        store.last_event,
+        store.done_tiles,
+        store.delete_job,
+        store.has_asset,
+        store.asset_path,
+    ):
         with pytest.raises(BadNameError):
             call(name)
     with pytest.raises(BadNameError):

@@ -13,6 +13,7 @@ from tracer.film.tile import decode_tile
 from worker import contract, jobs, tasks
 from worker.errors import StoreFullError
 from worker.records import new_job_id
+from worker.states import JobState
 from worker.worker import FarmWorker
 
 
@@ -51,6 +52,15 @@ def test_task_for_a_job_that_has_ended_or_never_was(farm: SmallFarm):
         if one == job_id:
             tasks.render_run(farm.worker(), one)
     assert events_of(farm, job_id) == ["created", "canceling", "canceled"]
+
+
+def test_hint_of_a_job_being_canceled_ends_it(farm: SmallFarm):
+    job_id = farm.submit()
+    farm.store.transition(job_id, JobState.CANCELING, by="api")  # and the API died here
+    farm.steward.reconcile()  # leaves a job alone that has its hint
+    assert farm.state(job_id) == "canceling"
+    tasks.prepare(farm.worker(), job_id)
+    assert farm.state(job_id) == "canceled"
 
 
 def test_scene_error_fails_the_job_with_a_pointer(farm: SmallFarm):
@@ -138,7 +148,7 @@ def test_cancel_stops_a_kernel_and_the_job_ends(farm: SmallFarm):
     context = farm.worker()
     thread = threading.Thread(target=tasks.prepare, args=(context, job_id))
     thread.start()
-    while not farm.queue.leases().get("w0") == (job_id, 0):
+    while farm.queue.leases().get("w0") != (job_id, 0):
         time.sleep(0.005)
     assert jobs.cancel(farm.store, farm.queue, job_id).state == "canceling"
     assert not context.cancel_job(new_job_id())
@@ -167,14 +177,17 @@ def test_drain_gives_the_tile_back_with_a_hint(farm: SmallFarm):
 
 def test_worker_makes_room_for_another_job(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(contract, "RUN_S", 0.05)
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     first = farm.submit("fake tile_s=0.02", width=160, height=16)
-    farm.queue.redis.delete("rq:queue:smalti-normal")
+    farm.drop_hints()
     second = farm.submit()
     tasks.prepare(farm.worker(), first)
     assert 1 < farm.queue.progress(first).done < 10
     hints = farm.queue.redis.lrange("rq:queue:smalti-normal", 0, -1)
-    assert [hint.decode().split("-")[1] for hint in hints][-1] == second or (contract.TASK_RENDER_RUN, first) in farm.queue.hints()
+    assert [hint.decode().split("-")[1] for hint in hints][-1] == second or (
+        contract.TASK_RENDER_RUN,
+        first,
+    ) in farm.queue.hints()
     assert (contract.TASK_RENDER_RUN, first) in farm.queue.hints()
     assert farm.queue.leases() == {}
 
@@ -208,7 +221,9 @@ def test_foreign_hints_are_refused_and_removed(farm: SmallFarm, task: str, argum
     from rq import Queue as RqQueue
 
     worker = FarmWorker(farm.worker())
-    RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer).enqueue_call(task, args=tuple(arguments))
+    RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer).enqueue_call(
+        task, args=tuple(arguments)
+    )
     called = []
     for name in ("prepare", "render_run", "scene_fault"):
         with pytest.MonkeyPatch.context() as patch:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tracer.scene import SceneDoc, parse_scene
-from worker import jobs
+from worker import contract, jobs
 from worker.assembler import Assembler
 from worker.context import WorkerContext
 from worker.queue import Queue
@@ -47,6 +47,9 @@ class SmallFarm:
     def submit(self, title: str = "fake", *, tile_size: int = 16, **scene: Any) -> str:
         output = {"tile_size": tile_size}
         return jobs.submit(self.store, self.queue, make_scene(title, **scene), owner="me", output=output).job_id
+
+    def drop_hints(self) -> None:
+        self.queue.redis.delete(*(f"rq:queue:{name}" for name in contract.QUEUES))
 
     def state(self, job_id: str) -> str:
         return str(self.store.last_event(job_id).state)

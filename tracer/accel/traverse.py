@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from tracer.geometry.quadric import Crossings
-from tracer.geometry.rounding import gamma
+from tracer.geometry.rounding import EPSILON, gamma
 from tracer.geometry.shapes import cross_plane, cross_shape, transform
 from tracer.geometry.triangle import Shear, intersect_triangle, shear_ray
 from tracer.geometry.vector import at, subtract
@@ -28,6 +28,10 @@ from tracer.types import MATERIAL_KT, N_MATERIAL, SceneView, Vec3
 # the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex (coordinate difference, slope, product, sum, and
 # the slope again along z), the rest for the affine maps of shapes. It is 1e-14 of the scene: no box is visited for it.
 _PAD: Final = gamma(64)
+
+# A direction below this is none. A component whose inverse overflows is then smaller than the largest one by 2^-120, so what it
+# moves within the scene is far below the padding.
+_SHORTEST: Final = 2.0**-900
 
 
 class Slabs(NamedTuple):
@@ -59,9 +63,9 @@ class Hit(NamedTuple):
 
 @inline
 def is_valid_ray(o: Vec3, d: Vec3) -> bool:
-    """Tell whether a ray has a finite origin and a finite, non-zero direction."""
+    """Tell whether a ray has a finite origin and a finite direction of some length."""
     size = abs(d.x) + abs(d.y) + abs(d.z)
-    return 0.0 < size < math.inf and abs(o.x) + abs(o.y) + abs(o.z) < math.inf
+    return _SHORTEST < size < math.inf and abs(o.x) + abs(o.y) + abs(o.z) < math.inf
 
 
 @inline
@@ -71,9 +75,10 @@ def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
     reach_y = max(abs(root[1] - o.y), abs(root[4] - o.y))
     reach_z = max(abs(root[2] - o.z), abs(root[5] - o.z))
     pad = _PAD * max(reach_x, max(reach_y, reach_z))
-    pad_x = math.copysign(pad, d.x)
-    pad_y = math.copysign(pad, d.y)
-    pad_z = math.copysign(pad, d.z)
+    # 2 eps |o| more, or the sum's own rounding would swallow the padding far from the world's origin.
+    pad_x = math.copysign(pad + 2.0 * EPSILON * abs(o.x), d.x)
+    pad_y = math.copysign(pad + 2.0 * EPSILON * abs(o.y), d.y)
+    pad_z = math.copysign(pad + 2.0 * EPSILON * abs(o.z), d.z)
     return Slabs(
         o.x + pad_x,
         o.y + pad_y,

@@ -40,7 +40,7 @@ class LoadLimits(NamedTuple):
     """Address space of the loading process, libraries (0.5 GB) included."""
 
     cpu_s: int = 120
-    """A million triangles of OBJ take 5 s."""
+    """A million triangles of OBJ take 6 s."""
 
     wall_s: float = 300.0
     """The machine may be busy: the workers run at low priority."""

@@ -2,7 +2,7 @@
 
 Read here and not by trimesh, which cuts polygons into fans even when they are concave, counts relative indices from the
 end of the file, takes index 0 for the first vertex, and drops the names of groups. Lines that are alike are parsed
-together: 1 million triangles take about 3 s.
+together: 1 million triangles take 6 s and 0.7 GB.
 
 Invariant: a corner is a triple (position, texture coordinate, normal); corners that are alike become one vertex.
 Source: the OBJ format of Wavefront's Advanced Visualizer, polygonal part.

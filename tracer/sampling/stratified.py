@@ -84,9 +84,10 @@ def sample_stratified(key: np.uint64, sample: int, n_samples: int) -> tuple[floa
     row = s // n_columns
     if columns * columns == n_samples:
         return (float(column) + jitter_u) / columns, (float(row) + jitter_v) / rows
-    # Kensler's arrangement: the cell's column is cut into rows, its row into columns, shuffled alike for all.
-    sub_column = permute(row, n_rows, key ^ _COLUMN)
-    sub_row = permute(column, n_columns, key ^ _ROW)
-    u = (float(column) + (float(sub_column) + jitter_u) / rows) / columns
-    v = (float(row) + (float(sub_row) + jitter_v) / columns) / rows
+    # Kensler's arrangement: each sample has a row of its own (1 / n_samples high). Columns and sub-columns are
+    # shuffled, so that the cells that no sample takes lie anywhere: the same ones in every pixel would be a bias.
+    shuffled_column = permute(column, n_columns, key ^ _COLUMN)
+    sub_column = permute(row, n_rows, key ^ _ROW)
+    u = (float(shuffled_column) + (float(sub_column) + jitter_u) / rows) / columns
+    v = (float(s) + jitter_v) / n_samples
     return u, v

@@ -96,8 +96,10 @@ def refract_direction(d: Vec3, n: Vec3, ratio: float) -> tuple[bool, Vec3]:
     ratio : index of refraction on that side over that on the other
     """
     cosine = -dot(d, n)
-    square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
+    # 1 - ratio^2 (1 - cosine^2), written so that nothing cancels at grazing angles and a ratio of 1 goes straight on exactly.
+    along = ratio * cosine
+    square = (1.0 - ratio) * (1.0 + ratio) + along * along
     if square < 0.0:
         return False, reflect_direction(d, n)
-    k = ratio * cosine - math.sqrt(square)
+    k = along - math.sqrt(square)
     return True, Vec3(ratio * d.x + k * n.x, ratio * d.y + k * n.y, ratio * d.z + k * n.z)

@@ -3,7 +3,6 @@
 u grows to the right and v upwards; row 0 of an image is its top row; texel centres lie at half numbers.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ def wrap_index(i: int, n: int, wrap: int) -> int:
 def wrap_coordinate(x: float, wrap: int) -> float:
     """Bring a coordinate into [0, 1]: its fraction, or the nearest end."""
     if wrap == WRAP_REPEAT:
-        return x - math.floor(x)
+        return x - np.floor(x)
     return min(max(x, 0.0), 1.0)
 
 
@@ -57,8 +56,8 @@ def sample_texture(textures: Any, texels: Any, texture: int, wrap: int, filterin
         return at(texels, 3 * (offset + row * width + column))
     x -= 0.5
     y -= 0.5
-    left = np.int64(math.floor(x))
-    top = np.int64(math.floor(y))
+    left = np.int64(np.floor(x))
+    top = np.int64(np.floor(y))
     fx = x - left
     fy = y - top
     column0 = wrap_index(left, width, wrap)

@@ -107,6 +107,12 @@ def test_lengths_that_lie_allocate_nothing():
         decode_tile(_forge(fields, b"\0" * 48))
 
 
+def test_bytes_that_no_length_names_are_refused():
+    body = _tile()[:-4] + b"more"
+    with pytest.raises(TileError, match="should have"):
+        decode_tile(body + struct.pack("<I", zlib.crc32(body)))
+
+
 def test_nan_in_a_header_is_refused():
     fields = _fields_of(_tile())
     fields["kernel_s"] = float("nan")

@@ -110,7 +110,7 @@ def test_concave_quads(tmp_path):
 
 
 def test_bent_and_empty_polygons_keep_all_corners():
-    bent = np.array([[0, 0, 1], [1, 0, 1], [1, 0, 0], [0, 0, 0], [0.5, 1, 0]])
+    bent = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1], [0, 1, -1.0]])
     assert len(triangulate(bent)) == 3
     assert triangulate(np.zeros((5, 3))) == [(0, 1, 2), (0, 2, 3), (0, 3, 4)]
     assert len(triangulate(np.array([[0, 0, 0], [1, 0, 0], [np.nan, 0, 0], [0, 1, 0.0]]))) == 2

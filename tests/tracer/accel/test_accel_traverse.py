@@ -1,0 +1,264 @@
+"""Traversal against brute force and topology: bit-equal hits, no misses, no false ones."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from tests.tracer.accel.meshes import icosphere, scene_of, trace_brute
+
+from tracer.accel.query import find_closest, find_transmittance
+from tracer.accel.traverse import enter_box, make_slabs
+from tracer.jit import kernel, pointer
+from tracer.types import Vec3
+
+
+def closest(scene, origins, directions, skip=-1):
+    return find_closest(scene, origins, directions, np.full(len(origins), skip))
+
+
+def aimed_rays(vertices, faces, rng, n):
+    """From inside: at random, at vertices, at points of edges, at midpoints of edges."""
+    center, size = vertices.mean(axis=0), np.ptp(vertices, axis=0).max()
+    origins = center + 0.1 * size * rng.uniform(-1, 1, (n, 3))
+    which = faces[rng.integers(0, len(faces), n)]
+    a, b, c = (vertices[which[:, k]] for k in range(3))
+    s = rng.random((n, 1))
+    targets = [a, (a + b) / 2, a + s * (b - a), (a + b + c) / 3]
+    targets = np.choose(rng.integers(0, 4, (n, 1)), targets)
+    return origins, np.ascontiguousarray(targets - origins)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("offset", [0.0, 1.5e5, 1e7])
+def test_closed_mesh_has_no_leaks(scale, offset):
+    """N1: 0 misses, odd crossing counts, the hierarchy equal to brute force bit for bit."""
+    rng = np.random.default_rng(7)
+    vertices, faces = icosphere(2, rng, 0.1)
+    vertices = (vertices + offset * np.array([1.0, -0.7, 0.3])) * scale
+    scene = scene_of(vertices, faces)
+    origins, directions = aimed_rays(vertices, faces, rng, 8000)
+    n_hits, t, primitive = trace_brute(scene, origins, directions)
+    assert (n_hits % 2 == 1).all()
+    hits = closest(scene, origins, directions)
+    np.testing.assert_array_equal(hits.t, t)
+    np.testing.assert_array_equal(hits.primitive, primitive)
+    blocked = find_transmittance(scene, origins, directions, np.full(len(t), np.inf), np.full(1, -1))
+    assert not blocked.any()
+
+
+def test_axis_aligned_rays_in_face_planes_of_a_grid():
+    """A closed box of many coplanar triangles: axis-aligned rays through its grid points, from inside."""
+    n = 4
+    grid = np.arange(n + 1) / n
+    vertices, faces = [], []
+    for axis in range(3):
+        for side in (0.0, 1.0):
+            start = len(vertices)
+            for x in grid:
+                for y in grid:
+                    vertices.append(np.roll([x, y, side], axis))
+            for i in range(n):
+                for j in range(n):
+                    k = start + i * (n + 1) + j
+                    faces += [(k, k + 1, k + n + 2), (k, k + n + 2, k + n + 1)]
+    scene = scene_of(np.array(vertices), faces)
+    inner = grid[1:-1]
+    origins = np.stack(np.meshgrid(inner, inner, inner), axis=-1).reshape(-1, 3)
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            for zero in (0.0, -0.0):
+                direction = np.full(3, zero)
+                direction[axis] = sign
+                hits = closest(scene, origins, np.tile(direction, (len(origins), 1)))
+                np.testing.assert_array_equal(hits.t, np.where(sign > 0, 1 - origins[:, axis], origins[:, axis]))
+
+
+def soup(rng, n):
+    centers = rng.uniform(-1, 1, (n, 1, 3))
+    size = 10.0 ** rng.uniform(-3, 0, (n, 1, 1))
+    corners = centers + size * rng.standard_normal((n, 3, 3))
+    corners[: n // 8, 2] = corners[: n // 8, 0] + 1e-9 * rng.standard_normal((n // 8, 3))  # slivers
+    corners[n // 8 : n // 4, :, 1] = np.round(corners[n // 8 : n // 4, :1, 1], 1)  # flat boxes, coplanar overlaps
+    return corners.reshape(-1, 3), np.arange(3 * n).reshape(n, 3)
+
+
+def test_soup_equals_brute_force():
+    rng = np.random.default_rng(8)
+    vertices, faces = soup(rng, 600)
+    scene = scene_of(vertices, faces)
+    origins = rng.uniform(-2, 2, (6000, 3))
+    directions = rng.uniform(-1, 1, (6000, 3)) - origins
+    directions[:500, 0] = 0.0
+    directions[500:800, 1:] = -0.0
+    origins[800:1500, 1] = np.round(origins[800:1500, 1], 1)  # in the plane of flat boxes
+    directions[800:1500, 1] = 0.0
+    origins[1500:2000] = vertices[rng.integers(0, len(vertices), 500)]  # at vertices
+    _, t, primitive = trace_brute(scene, origins, directions)
+    hits = closest(scene, origins, directions)
+    np.testing.assert_array_equal(hits.t, t)
+    np.testing.assert_array_equal(hits.primitive, primitive)
+    assert (primitive >= 0).mean() > 0.5
+
+
+def test_duplicates_tie_to_the_lowest_id_whatever_their_vertex_order():
+    rng = np.random.default_rng(9)
+    vertices, faces = icosphere(1, rng, 0.2)
+    turned = np.concatenate([np.roll(faces, 1, axis=1), faces[:, ::-1], faces])
+    every = np.concatenate([turned, faces])
+    scene = scene_of(vertices, every[rng.permutation(len(every))])
+    origins, directions = aimed_rays(vertices, faces, rng, 2000)
+    hits = closest(scene, origins, directions)
+    sets = np.sort(scene.face_vertices, axis=1)
+    first = {}
+    for face, key in enumerate(map(tuple, sets.tolist())):
+        first.setdefault(key, face)
+    for face in hits.primitive.tolist():
+        assert first[tuple(sets[face].tolist())] == face
+
+
+def test_weights_belong_to_the_corners_as_given():
+    rng = np.random.default_rng(10)
+    vertices, faces = icosphere(1, rng, 0.2)
+    scene = scene_of(vertices, faces)
+    origins, directions = aimed_rays(vertices, faces, rng, 1000)
+    hits = closest(scene, origins, directions)
+    a, b, c = (vertices[faces[hits.primitive, k]] for k in range(3))
+    u, v = hits.uv.T[..., None]
+    np.testing.assert_allclose((1 - u - v) * a + u * b + v * c, origins + hits.t[:, None] * directions, atol=1e-12)
+
+
+def test_spheres_and_triangles_in_one_hierarchy():
+    """A sphere in front of a triangle, behind it, and one inside another."""
+    triangle = np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], float)
+    spheres = [((0, 0, 5), 1.0), ((0, 0, -5), 2.0), ((0, 0, -5), 1.0), ((3, 0, -5), 1.0)]
+    scene = scene_of(triangle, [[0, 1, 2]], spheres=spheres)
+    origins = np.array([[0, 0, 10], [0, 0, 3], [0, 0, -1], [0, 0, -5], [0, 0, -6.5], [3, 0, -10], [0, 0, 5]], float)
+    directions = np.tile([0.0, 0.0, -1.0], (7, 1))
+    directions[5, 2] = 2.0
+    hits = closest(scene, origins, directions)
+    assert hits.primitive.tolist() == [1, 0, 2, 3, 2, 4, 1]
+    np.testing.assert_allclose(hits.t, [4, 3, 2, 1, 0.5, 2, 1], rtol=1e-15)
+
+
+def test_skip_leaves_out_one_primitive():
+    triangles = np.array([[-9, -9, z, 9, -9, z, 0, 9, z] for z in (0, -1)], float).reshape(-1, 3)
+    scene = scene_of(triangles, [[0, 1, 2], [3, 4, 5]])
+    down = np.array([[0.0, 0.0, -1.0]])
+    assert closest(scene, np.array([[0.0, 0.0, 1.0]]), down).primitive[0] == 0
+    assert closest(scene, np.array([[0.0, 0.0, 1.0]]), down, skip=0).primitive[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("o", "d"),
+    [
+        ((math.nan, 0, 0), (1, 0, 0)),
+        ((0, 0, 0), (0, math.nan, 1)),
+        ((0, math.inf, 0), (0, 0, 1)),
+        ((0, 0, 0), (math.inf, 0, 0)),
+        ((0, 0, 0), (0, 0, 0)),
+    ],
+)
+def test_rays_that_are_none_miss(o, d):
+    vertices, faces = icosphere(1)
+    scene = scene_of(vertices, faces, spheres=[((0, 0, 0), 0.5)])
+    hits = closest(scene, np.array([o], float), np.array([d], float))
+    assert (hits.t[0], hits.primitive[0]) == (math.inf, -1)
+
+
+def test_empty_scene():
+    scene = scene_of(np.zeros((0, 3)), np.zeros((0, 3)))
+    hits = closest(scene, np.zeros((1, 3)), np.ones((1, 3)))
+    assert hits.primitive[0] == -1
+    assert find_transmittance(scene, np.zeros((1, 3)), np.ones((1, 3)), np.ones(1), np.full(1, -1)).tolist() == [[1, 1, 1]]
+
+
+def test_transmittance_multiplies_kt_of_all_crossings():
+    """Parallel panes with powers of two for kt, so that products are exact, and a glass sphere that counts twice."""
+    n = 12
+    panes = np.array([[-9, -9, -k, 9, -9, -k, 0, 9, -k] for k in range(n)], float).reshape(-1, 3)
+    rng = np.random.default_rng(11)
+    kt = 2.0 ** -rng.integers(0, 4, (n + 1, 3))
+    scene = scene_of(panes, np.arange(3 * n).reshape(n, 3), kt=kt, spheres=[((0, 0, 5), 1.0)])
+    down = np.array([[0.0, 0.0, -1.0]])
+    for start, t_max, panes_crossed, sphere_crossed in [
+        (1.0, 100.0, range(n), 0),
+        (10.0, 100.0, range(n), 2),
+        (5.0, 100.0, range(n), 1),
+        (0.5, 2.0, range(2), 0),
+        (0.5, 2.5, range(2), 0),
+        (0.5, 2.6, range(3), 0),
+        (-20.0, 100.0, [], 0),
+    ]:
+        share = find_transmittance(scene, np.array([[0.0, 0.0, start]]), down, np.array([t_max]), np.full(1, -1))
+        expected = np.prod(kt[list(panes_crossed)], axis=0) * kt[n] ** sphere_crossed
+        np.testing.assert_array_equal(share[0], expected)
+
+
+def test_occluder_cache_changes_nothing():
+    rng = np.random.default_rng(12)
+    vertices, faces = soup(rng, 300)
+    kt = np.where(rng.random((300, 1)) < 0.5, 0.0, rng.random((300, 3)))
+    scene = scene_of(vertices, faces, kt=kt)
+    origins = rng.uniform(-2, 2, (4000, 3))
+    directions = rng.uniform(-1, 1, (4000, 3)) - origins
+    ends = rng.uniform(0.2, 2.0, 4000)
+    with_cache = find_transmittance(scene, origins, directions, ends, np.full(1, -1))
+    for k in range(0, 4000, 7):
+        alone = find_transmittance(scene, origins[k : k + 1], directions[k : k + 1], ends[k : k + 1], np.full(1, -1))
+        np.testing.assert_array_equal(alone[0], with_cache[k])
+    assert 0.2 < (with_cache == 0).all(axis=1).mean() < 0.99
+
+
+@kernel
+def enter(bounds, root, ox, oy, oz, dx, dy, dz, t_max):
+    return enter_box(pointer(bounds), 0, make_slabs(pointer(root), Vec3(ox, oy, oz), Vec3(dx, dy, dz)), t_max)
+
+
+def exact_box(low, high, o, d):
+    """Entry and exit of the closed box in Fractions, or None."""
+    near, far = Fraction(0), None
+    for k in range(3):
+        lo, hi, ok, dk = map(Fraction, (low[k], high[k], o[k], d[k]))
+        if dk == 0:
+            if not lo <= ok <= hi:
+                return None
+            continue
+        t0, t1 = sorted([(lo - ok) / dk, (hi - ok) / dk])
+        near = max(near, t0)
+        far = t1 if far is None else min(far, t1)
+    return (near, far) if far is None or near <= far else None
+
+
+def test_slab_test_loses_nothing():
+    """N5: origins on faces, edges and corners, flat boxes, signed zeros, tiny directions: no false miss, entry not late."""
+    rng = np.random.default_rng(13)
+    values = [0.0, -0.0, 1.0, -1.0, 0.5, 1e-310, -1e-310, 1e-17, 3.0]
+    n_hits = n_misses = 0
+    for _ in range(20_000):
+        low = rng.choice([-1.0, 0.0, 0.5], 3)
+        high = low + rng.choice([0.0, 0.5, 1.0, 1e-16], 3)
+        o = np.where(rng.random(3) < 0.6, rng.choice([low, high]), rng.choice([-2.0, 0.25, 2.0], 3))
+        d = rng.choice(values, 3)
+        if np.abs(d).max() < 1e-300:
+            continue  # too short to be a direction: closest_hit does not come here
+        bounds = np.stack([low, high], axis=1).ravel()
+        found = enter(bounds, np.array([-1, -1, -1, 1.5, 1.5, 1.5]), *o, *d, np.inf)
+        exact = exact_box(low, high, o, d)
+        if exact is None:
+            n_misses += math.isnan(found)
+            continue
+        n_hits += 1
+        assert not math.isnan(found)
+        assert found <= exact[0]
+    assert n_hits > 4000
+    assert n_misses > 5000
+
+
+def test_slab_test_respects_the_end():
+    bounds, root = np.array([1.0, 2, -1, 1, -1, 1]), np.array([1.0, -1, -1, 2, 1, 1])
+    assert enter(bounds, root, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 5.0) == pytest.approx(1.0, rel=1e-13)
+    assert math.isnan(enter(bounds, root, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.9))
+    assert enter(bounds, root, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0) <= 1.0  # touching the end is not beyond it
+    assert math.isnan(enter(bounds, root, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 5.0))
+    assert enter(bounds, root, 1.5, 0.0, 0.0, -1.0, 0.0, 0.0, 5.0) == 0.0

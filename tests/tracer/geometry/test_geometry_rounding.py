@@ -1,0 +1,47 @@
+"""Exact arithmetic against Fraction."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from tracer.geometry.rounding import EPSILON, away, gamma, two_difference, two_product
+
+
+def floats(rng, n, spread=60):
+    return rng.standard_normal(n) * 2.0 ** rng.integers(-spread, spread, n)
+
+
+def test_two_product_is_exact():
+    rng = np.random.default_rng(1)
+    for a, b in zip(floats(rng, 500), floats(rng, 500), strict=True):
+        product, rest = two_product(float(a), float(b))
+        assert product == float(a) * float(b)
+        assert Fraction(product) + Fraction(rest) == Fraction(float(a)) * Fraction(float(b))
+
+
+def test_two_difference_is_exact():
+    rng = np.random.default_rng(2)
+    for a, b in zip(floats(rng, 500), floats(rng, 500), strict=True):
+        difference, rest = two_difference(float(a), float(b))
+        assert Fraction(difference) + Fraction(rest) == Fraction(float(a)) - Fraction(float(b))
+
+
+def test_gamma_bounds_a_chain_of_roundings():
+    value, exact = 1.0, Fraction(1)
+    for k in range(1, 30):
+        factor = 1.0 + k * 2.0**-40
+        value *= factor
+        exact *= Fraction(factor)
+        assert abs(Fraction(value) / exact - 1) <= Fraction(gamma(k))
+    assert gamma(1) > EPSILON
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -1.0, 3.0, 1e-310, -1e300, 2.0**52, 0.1])
+def test_away_takes_one_or_two_steps(value):
+    up = away(value, 1.0)
+    assert up in {math.nextafter(value, math.inf), math.nextafter(math.nextafter(value, math.inf), math.inf)}
+    down = away(value, -1e-300)
+    assert down in {math.nextafter(value, -math.inf), math.nextafter(math.nextafter(value, -math.inf), -math.inf)}
+    assert away(value, 0.0) == value

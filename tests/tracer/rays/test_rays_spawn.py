@@ -1,0 +1,113 @@
+"""Rays that leave a surface do not meet it again, and do not pass what is next to it."""
+
+import numpy as np
+import pytest
+
+from tracer.accel.query import find_closest
+from tracer.geometry.shapes import locate_on_shape, locate_on_triangle
+from tracer.rays.spawn import offset_origin
+from tracer.render.tiny import make_scene
+from tracer.types import MATERIAL_A, N_MATERIAL, SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_SPHERE, Vec3
+
+
+def hemisphere(rng, normal, n):
+    """Directions on the normal's side, half of them grazing it at 1e-8 to 1e-2 radians."""
+    d = rng.standard_normal((n, 3))
+    d -= np.outer(d @ normal, normal)
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    angle = np.where(rng.random(n) < 0.5, 10.0 ** rng.uniform(-8, -2, n), rng.uniform(0.01, np.pi / 2, n))
+    return np.cos(angle)[:, None] * d + np.sin(angle)[:, None] * normal
+
+
+def test_origin_goes_to_the_side_of_the_direction():
+    p, error, n = Vec3(1.0, 2.0, 3.0), Vec3(1e-10, 1e-10, 1e-10), Vec3(0.0, 0.6, 0.8)
+    up = offset_origin(p, error, n, Vec3(0.0, 0.0, 1.0))
+    down = offset_origin(p, error, n, Vec3(0.0, 0.0, -1.0))
+    assert (np.array(up) - np.array(p)) @ np.array(n) == pytest.approx(1.4e-10, rel=1e-4)
+    assert (np.array(down) - np.array(p)) @ np.array(n) == pytest.approx(-1.4e-10, rel=1e-4)
+    assert up.x == down.x == 1.0  # no component along x to move by
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("offset", [0.0, 1.0, 1e4])
+def test_triangles_are_not_met_again(scale, offset):
+    """A flat fan of 40 coplanar triangles, without the exclusion of the triangle that the ray leaves."""
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        basis = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        turn = np.sort(rng.random(40)) * 2 * np.pi
+        rim = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1) @ basis
+        vertices = (np.concatenate([np.zeros((1, 3)), rim]) + offset * rng.standard_normal(3)) * scale
+        faces = np.array([(0, k, k % 40 + 1) for k in range(1, 41)])
+        scene = make_scene(
+            vertex_positions=vertices,
+            face_vertices=faces,
+            face_material=np.zeros(40),
+            face_flags=np.zeros(40),
+            materials=np.full((1, N_MATERIAL), 0.0),
+        )
+        origins, directions = [], []
+        for _ in range(150):
+            face = rng.integers(40)
+            b = rng.dirichlet([0.3, 0.3, 0.3])
+            b = rng.permutation([0.0, b[0], 1 - b[0]]) if rng.random() < 0.4 else b  # on an edge
+            facts = locate_on_triangle(vertices.ravel(), *map(np.int64, faces[face]), b[1], b[2])
+            side = rng.choice([-1.0, 1.0])
+            for d in hemisphere(rng, side * np.array(facts.normal), 4):
+                origins.append(offset_origin(facts.position, facts.error, facts.normal, Vec3(*d)))
+                directions.append(d)
+        hits = find_closest(scene, np.array(origins), np.array(directions), np.full(len(origins), -1))
+        # The corners are rounded, so the fan is flat to 1e-16 of its offset only: leave out what grazes less than that.
+        real = np.abs(np.array(directions) @ basis[2]) > 1e-14 * (1.0 + offset)
+        assert (hits.primitive[real] == -1).all()
+
+
+@pytest.mark.parametrize("kind", [SHAPE_SPHERE, SHAPE_BOX, SHAPE_CYLINDER_CAPPED])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_shapes_are_not_met_again_from_outside_nor_missed_from_inside(kind, scale, offset):
+    rng = np.random.default_rng(kind)
+    material = np.zeros((1, N_MATERIAL))
+    material[0, MATERIAL_A] = 1.0
+    matrix = np.linalg.qr(rng.standard_normal((3, 3)))[0] * scale * 1.7
+    origin = rng.standard_normal(3) * offset * scale
+    scene = make_scene(
+        shape_kind=[kind],
+        shape_material=[0],
+        shape_origin=[origin],
+        shape_to_world=[matrix],
+        shape_to_local=[np.linalg.inv(matrix)],
+        materials=material,
+    )
+    # Points of the surface, as hits of rays from far away.
+    n = 1500
+    aim = origin + (rng.uniform(-1, 1, (n, 3)) @ matrix.T)
+    start = origin + 5.0 * scale * rng.standard_normal((n, 3))
+    hits = find_closest(scene, start, aim - start, np.full(n, -1))
+    hit = np.flatnonzero(hits.primitive == 0)
+    assert len(hit) > n // 4
+    for inward in (False, True):
+        origins, directions = [], []
+        for k in hit:
+            facts = locate_on_shape(
+                kind,
+                Vec3(*origin),
+                scene.shape_to_world.ravel(),
+                scene.shape_to_local.ravel(),
+                np.int64(0),
+                Vec3(*start[k]),
+                Vec3(*(aim[k] - start[k])),
+                hits.t[k],
+            )
+            normal = np.array(facts.normal)
+            d = hemisphere(rng, -normal if inward else normal, 1)[0]
+            origins.append(offset_origin(facts.position, facts.error, facts.normal, Vec3(*d)))
+            directions.append(d)
+        found = find_closest(scene, np.array(origins), np.array(directions), np.full(len(hit), -1))
+        if inward:  # the other side, a chord away, is met; the surface itself is not
+            assert (found.primitive == 0).all()
+            depth = np.abs(np.einsum("ij,ij->i", directions, directions) - 1).max()
+            assert depth < 1e-14
+            assert (found.t > 1e-9 * scale).mean() > 0.95
+        else:
+            assert (found.primitive == -1).all()
