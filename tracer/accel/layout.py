@@ -39,6 +39,7 @@ NODE_HIGH: Final = 96  # byte offset from a row of lower bounds to its row of up
 LEAF_TRIANGLES: Final = 8
 LEAF_BIT: Final = -(2**31)
 PADDING: Final = 1024
+LARGEST: Final = 1e100  # |coordinate| of vertices and ray origins: products of three do not overflow
 MAX_BYTES: Final = 2**28 * UNIT
 
 MAX_DEPTH: Final = 64

@@ -1,7 +1,7 @@
 """From vertices and faces to the binary build's records: the object's frame, and boxes rounded outward in it.
 
 Invariant: a record's float32 box in the frame contains the triangle. Faces with a vertex that is not finite, or beyond
-1e150 (where products of coordinates would overflow), have no record: no ray meets them.
+1e100 (where products of coordinates would overflow), have no record: no ray meets them.
 """
 
 from typing import Any, Final
@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tracer.accel.binary import RECORD_BYTES
+from tracer.accel.layout import LARGEST
 from tracer.jit import inline, kernel
 from tracer.simd import address_of, store
 from tracer.simd.gateway import types
@@ -18,13 +19,12 @@ _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 _INF: Final = float("inf")
-_LARGEST: Final = 1e150
 
 
 @inline
 def _usable(vertices: Any, j: int) -> Any:
     x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
-    return abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST
+    return abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST
 
 
 @kernel
@@ -49,7 +49,7 @@ def survey_vertices(vertices: Any, bounds: Any) -> Any:
     x1 = y1 = z1 = -_INF
     for j in range(vertices.shape[0]):
         x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
-        if not (abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST):
+        if not (abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST):
             unusable += 1
             continue
         x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)

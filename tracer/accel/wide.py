@@ -284,7 +284,7 @@ def build_wide(vertices: NDArray[Any], faces: NDArray[Any], *, threads: int = 1)
     ----------
     vertices
         (nv, 3), float32 or anything that converts to float64. Faces with a vertex that is not finite, or beyond
-        1e150, are left out: no ray meets them.
+        1e100, are left out: no ray meets them.
     faces
         (nf, 3) integers, rows of ``vertices``.
     threads

@@ -39,7 +39,6 @@ TINY: Final = 1e-180  # added to it: below, products of three would lose bits to
 WELL_SHAPED: Final = 2.0**24  # times CERTAIN L**2: beyond it the sum of rounded edge functions is good for t
 _CCW: Final = 3.3306690738754716e-16  # (3 + 16 eps) eps
 _LEAST_PRODUCT: Final = 1e-250  # above, the exact rest of a product does not underflow
-LARGEST: Final = 1e100  # |coordinate| of origins and vertices: cubes of it do not overflow
 
 
 @inline

@@ -15,9 +15,9 @@ Invariant: a node is skipped only if no triangle in it can be met at a distance 
 
 from typing import Any, Final
 
-from tracer.accel.layout import FRAME_CENTRE, FRAME_HALF, FRAME_SCALE, HEADER_BYTES, NODE_HIGH
+from tracer.accel.layout import FRAME_CENTRE, FRAME_HALF, FRAME_SCALE, LARGEST, NODE_HIGH
 from tracer.jit import inline
-from tracer.rays.predicate import LARGEST, shear_of, unit_of
+from tracer.rays.predicate import shear_of, unit_of
 from tracer.simd import load, store
 from tracer.simd.gateway import types
 
@@ -44,7 +44,7 @@ BEST_LANE: Final = 104  # int64: its lane << 8 | triangles in the leaf
 TIME_SCALE: Final = 112  # float64: frame time = T * TIME_SCALE - TIME_ENTRY
 TIME_ENTRY: Final = 120
 TIME_SLACK: Final = 128
-NEAR_X: Final = 136  # int64: byte offset of the near row of each axis; the far row is at offset ^ 96 ... see FAR
+NEAR_X: Final = 136  # int64: byte offset of the near row of each axis
 NEAR_Y: Final = 144
 NEAR_Z: Final = 152
 R: Final = 160  # float32: r of three axes, then p - pad, p + pad
@@ -187,6 +187,3 @@ def start_ray(
     store(state + ORIGIN_Y, ox if ky == 0 else (oy if ky == 1 else oz))
     store(state + ORIGIN_Z, ox if kz == 0 else (oy if kz == 1 else oz))
     return bool(load(_float32, state + F_BEST) >= load(_float32, state + F_MIN))
-
-
-__all__ = ["HEADER_BYTES", "start_ray", "update_frame_best"]
