@@ -69,5 +69,5 @@ def camera_ray(camera: Any, kind: int, x: float, y: float, width: int, height: i
 
 @inline
 def unit_ray(ray: Ray) -> Ray:
-    """Same ray with a unit direction: t counts in world units."""
+    """Return the same ray with a unit direction: t counts in world units."""
     return Ray(ray.origin, normalize(ray.direction))
