@@ -15,9 +15,12 @@ import hashlib
 import os
 import sys
 import time
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 # Folders and modules whose text decides what is compiled; the others hold no kernels.
 _KERNEL_SOURCES: Final = (
@@ -85,13 +88,29 @@ KERNEL_CACHE: Final = _activate_cache()
 import numba  # noqa: E402 - the cache directory must be set first
 from numba import types as numba_types  # noqa: E402
 
-# `kernel`: an entry point or a function too large to copy into its callers; kept on disk.
-kernel: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False)
-# `inline`: a small function that LLVM always copies into its caller; kept on disk for callers in Python (tests).
-inline: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False, forceinline=True)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_OPTIONS: Final[dict[str, Any]] = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": False}
+
+# Constructor of numba's integers, typed Any because numpy's integers are no `int` to a type checker. `int64(-1)` also
+# keeps numba from compiling a copy of a function for the literal -1.
+int64: Any = np.int64
 
 
-if numba.config.DISABLE_JIT:
+def kernel(function: _Function) -> _Function:
+    """Compile an entry point, or a function too large to copy into its callers; kept on disk."""
+    compiled: _Function = numba.njit(**_OPTIONS)(function)
+    return compiled
+
+
+def inline(function: _Function) -> _Function:
+    """Compile a function that LLVM always copies into its caller; kept on disk for callers in Python."""
+    compiled: _Function = numba.njit(forceinline=True, **_OPTIONS)(function)
+    return compiled
+
+
+_config: Any = numba.core.config
+
+if _config.DISABLE_JIT:
 
     def pointer(array: Any) -> Any:
         """Flat view of a C-contiguous array: what stands for a pointer when nothing is compiled."""
@@ -104,17 +123,17 @@ else:
         """Address of a C-contiguous array's first element, indexed like a flat array: ``pointer(a)[3 * row + column]``.
 
         Arrays are reference-counted, and numba does not remove the counting from inlined callees: it left 9 atomic
-        increments inside a loop of 5 lines where pointers leave none. An index is neither wrapped nor checked, so it must not be
-        negative. The caller keeps the array alive.
+        increments inside a loop of 5 lines where pointers leave none. An index is neither wrapped nor checked, so
+        it must not be negative. The caller keeps the array alive.
         """
-
         if array.layout != "C":
             raise numba.errors.TypingError("pointer() needs a C-contiguous array")
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
-        return numba_types.CPointer(array.dtype)(array), generate
+        address: Any = numba_types.CPointer(array.dtype)  # type: ignore[no-untyped-call]
+        return address(array), generate
 
 
 def warm(*, lock: bool = True) -> float:

@@ -63,13 +63,11 @@ def camera_ray(camera: Any, kind: int, x: float, y: float, width: int, height: i
     d = camera[CAMERA_DISTANCE]
     return Ray(
         e,
-        Vec3(
-            -d * cw.x + u * cu.x + v * cv.x, -d * cw.y + u * cu.y + v * cv.y, -d * cw.z + u * cu.z + v * cv.z
-        ),
+        Vec3(-d * cw.x + u * cu.x + v * cv.x, -d * cw.y + u * cu.y + v * cv.y, -d * cw.z + u * cu.z + v * cv.z),
     )
 
 
 @inline
 def unit_ray(ray: Ray) -> Ray:
-    """Same ray with a unit direction: t counts in world units."""
+    """Return the same ray with a unit direction: t counts in world units."""
     return Ray(ray.origin, normalize(ray.direction))
