@@ -52,7 +52,10 @@ def cache_root() -> Path:
 
 
 def kernel_key() -> str:
-    """Hash of the kernels' sources, the compiler's versions and the CPU.
+    """Hash of the kernels' sources, the compiler's versions and the CPU that is compiled for.
+
+    ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` stand for the host's CPU where they are set: an image compiled ahead for
+    x86-64-v3 finds its kernels on every machine.
 
     Returns
     -------
@@ -69,7 +72,9 @@ def kernel_key() -> str:
             digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     for package in ("numba", "llvmlite", "numpy"):
         digest.update(f"{package} {metadata.version(package)}\n".encode())
-    digest.update(f"{sys.version_info[:2]} {binding.get_host_cpu_name()}".encode())
+    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES", "")
+    digest.update(f"{sys.version_info[:2]} {cpu} {features}".encode())
     return digest.hexdigest()[:16]
 
 
