@@ -54,8 +54,8 @@ def cache_root() -> Path:
 def kernel_key() -> str:
     """Hash of the kernels' sources, the compiler's versions and the CPU that is compiled for.
 
-    ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` stand for the host's CPU where they are set: an image compiled ahead for
-    x86-64-v3 finds its kernels on every machine.
+    ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` stand for the host's CPU where they are set: an image compiled ahead
+    for x86-64-v3 finds its kernels on every machine.
 
     Returns
     -------
@@ -114,8 +114,9 @@ def inline(function: _Function) -> _Function:
 
 
 _config: Any = numba.core.config
+PLAIN_PYTHON: Final[bool] = bool(_config.DISABLE_JIT)  # NUMBA_DISABLE_JIT=1: nothing is compiled
 
-if _config.DISABLE_JIT:
+if PLAIN_PYTHON:
 
     def pointer(array: Any) -> Any:
         """Flat view of a C-contiguous array: what stands for a pointer when nothing is compiled."""

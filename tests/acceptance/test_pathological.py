@@ -14,7 +14,7 @@ from typing import Any
 
 import httpx
 import numpy as np
-import OpenImageIO as oiio
+import OpenImageIO
 import pytest
 
 from client.launch import service
@@ -98,7 +98,7 @@ def test_each_is_rendered_or_refused_by_name(tmp_path: Path) -> None:
                 assert job["state"] == "succeeded", (model.name, job["problem"])
                 picture = tmp_path / "picture.exr"
                 picture.write_bytes(http.get(f"/v1/jobs/{job['id']}/result.exr").content)
-                pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.FLOAT)
+                pixels = OpenImageIO.ImageBuf(str(picture)).get_pixels(OpenImageIO.FLOAT)
                 assert np.isfinite(pixels).all(), model.name
                 # Slivers of 1e-9 fall between the samples.
                 assert pixels.max() > 0.0 or model.name == "slivers.obj", f"{model.name}: nothing to be seen"
