@@ -208,7 +208,17 @@ def page(curves: dict[tuple[str, str], Curve], floors: dict[str, float], n_seeds
         errors = [f"{curve.rmse[curve.samples.index(n)]:.5f}" for n in (1, 4, 16, 64, 256)]
         cells = [scene, sampler, *errors, f"{curve.slope():.2f}", f"{curve.cpu_s[-1]:.2f}", f"{gain:.1f} x"]
         lines.append(f"| {' | '.join(cells)} | {floors[scene]:.5f} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", verdict(curves)]) + "\n"
+
+
+def verdict(curves: dict[tuple[str, str], Curve]) -> str:
+    """Return which sampler has the smallest error at 16 samples and at most samples, scene by scene."""
+    parts = []
+    for samples in (16, COUNTS[-1]):
+        at = COUNTS.index(samples)
+        best = {scene: min(SAMPLERS, key=lambda s, scene=scene: curves[scene, s].rmse[at]) for scene in SCENES}
+        parts.append(f"at {samples} samples " + ", ".join(f"{sampler} ({scene})" for scene, sampler in best.items()))
+    return "Smallest error: " + "; ".join(parts) + "."
 
 
 def main() -> int:

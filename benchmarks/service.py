@@ -234,6 +234,8 @@ def main() -> int:
         faults.append(f"(a) a run had fewer than {LEAST_KERNEL_S:.0f} kernel seconds")
     if result["warm"]["median_ms"] >= MOST_WARM_MS:
         faults.append(f"(b) {result['warm']['median_ms']} ms is not below {MOST_WARM_MS:.0f} ms")
+    if min(result["cpu"].values()) < 0:
+        faults.append("(c) a cost below zero: something else was running, and slowed the kernels")
     for fault in faults:
         terminal.warn(fault)
     return 1 if faults and sizes is FULL else 0

@@ -55,10 +55,11 @@ class _Part:
         return headers
 
     def read_from(self, response: httpx.Response) -> None:
-        if response.status_code != 206 or not response.headers.get("Content-Range", "").startswith(
-            f"bytes {self.size}-"
-        ):
+        if response.status_code != 206:
             self.restart()
+        elif not response.headers.get("Content-Range", "").startswith(f"bytes {self.size}-"):
+            self.restart()
+            raise httpx.RemoteProtocolError("another range came than the one asked for")
         self.etag = response.headers.get("ETag")
         self.digest = parse_repr_digest(response.headers.get("Repr-Digest")) or self.digest
         for chunk in response.iter_raw():  # as it comes: chunks of a given size are lost when it breaks off

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from tracer.scene import SceneDoc, SceneError
 
 
+CANCEL_S = 2.0  # kernels see the flag within milliseconds; a compilation sees nothing, and ends with the process
+
+
 @dataclass(frozen=True, slots=True)
 class KernelCache:
     """The folder of compiled kernels: how many files it holds, and their size in bytes."""
@@ -172,6 +175,8 @@ def _render(scene: "SceneDoc", prepared: PreparedScene, threads: int, *, quiet: 
     cancel = np.zeros(1, np.int64)
     seen: list[Any] = []
     outcome: list[Film | BaseException] = []
+    # Not `Thread.join`: until Python 3.13 an interrupted join takes a running thread for one that has ended.
+    ended = threading.Event()
 
     def resolve(asset: AssetRef) -> Path:
         if asset.name not in prepared.files:
@@ -192,19 +197,20 @@ def _render(scene: "SceneDoc", prepared: PreparedScene, threads: int, *, quiet: 
             )
         except BaseException as error:  # noqa: BLE001 - it is raised again in the main thread
             outcome.append(error)
+        finally:
+            ended.set()
 
-    thread = threading.Thread(target=work, name="smalti-render")
-    thread.start()
+    threading.Thread(target=work, name="smalti-render", daemon=True).start()
     try:
         with show_progress("", quiet=quiet, unit="blocks") as view:
-            while thread.is_alive():
+            view.update("preparing", Progress())
+            while not ended.wait(0.1):
                 view.update(*_progress_of(seen))
-                thread.join(0.1)
             if isinstance(outcome[0], tuple):
                 view.update("succeeded", _progress_of(seen)[1])
     except BaseException:
         cancel[0] = 1
-        thread.join()
+        ended.wait(CANCEL_S)
         raise
     result = outcome[0]
     if isinstance(result, SceneError):

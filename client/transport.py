@@ -207,6 +207,9 @@ class Transport:
                 problem = None
         if not isinstance(problem, Mapping):
             problem = {"title": f"HTTP {response.status_code} {response.reason_phrase}".strip()}
+            error = error_from_problem(problem, response.status_code)
+            error.hint = f"this is not how Smalti answers: is another program at {self.base_url}?"
+            return error
         return error_from_problem(problem, response.status_code)
 
     def json_object(self, response: httpx.Response) -> dict[str, Any]:

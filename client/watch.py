@@ -50,12 +50,13 @@ class EventListener:
         self._last_id: str | None = None
         self._response: httpx.Response | None = None
         self._stopped = threading.Event()
+        self._is_over = False
         self._thread = threading.Thread(target=self._run, name="smalti-events", daemon=True)
 
     @property
     def is_alive(self) -> bool:
         """Whether it listens, or will again."""
-        return self._thread.is_alive()
+        return not self._is_over
 
     def start(self) -> None:
         """Begin to listen."""
@@ -74,15 +75,19 @@ class EventListener:
 
     def _run(self) -> None:
         failures = 0
-        while failures < STREAM_FAILURES and not self._stopped.is_set():
-            try:
-                failures = 0 if self._listen() else failures + 1
-            except httpx.HTTPError:
-                failures += 1
-            except (SmaltiError, OSError, RuntimeError):  # refused, or the client was closed: no stream here
-                return
-            if not self._stopped.is_set():
-                self._transport.pause(failures)
+        try:
+            while failures < STREAM_FAILURES and not self._stopped.is_set():
+                try:
+                    failures = 0 if self._listen() else failures + 1
+                except httpx.HTTPError:
+                    failures += 1
+                if not self._stopped.is_set():
+                    self._transport.pause(failures)
+        except (SmaltiError, OSError, RuntimeError):
+            pass  # refused, or the client was closed: no stream here
+        finally:
+            self._is_over = True
+            self.arrived.put(ServerEvent())  # so that whoever waits goes over to polling
 
     def _listen(self) -> bool:
         """Read one stream to its end; returns whether an event came."""

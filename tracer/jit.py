@@ -15,9 +15,12 @@ import hashlib
 import os
 import sys
 import time
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 # Folders and modules whose text decides what is compiled; the others hold no kernels.
 _KERNEL_SOURCES: Final = (
@@ -50,7 +53,10 @@ def cache_root() -> Path:
 
 
 def kernel_key() -> str:
-    """Hash of the kernels' sources, the compiler's versions and the CPU.
+    """Hash of the kernels' sources, the compiler's versions and the CPU that is compiled for.
+
+    ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` stand for the host's CPU where they are set: an image compiled ahead
+    for x86-64-v3 finds its kernels on every machine.
 
     Returns
     -------
@@ -67,7 +73,9 @@ def kernel_key() -> str:
             digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     for package in ("numba", "llvmlite", "numpy"):
         digest.update(f"{package} {metadata.version(package)}\n".encode())
-    digest.update(f"{sys.version_info[:2]} {binding.get_host_cpu_name()}".encode())
+    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES", "")
+    digest.update(f"{sys.version_info[:2]} {cpu} {features}".encode())
     return digest.hexdigest()[:16]
 
 
@@ -86,13 +94,30 @@ KERNEL_CACHE: Final = _activate_cache()
 import numba  # noqa: E402 - the cache directory must be set first
 from numba import types as numba_types  # noqa: E402
 
-# `kernel`: an entry point or a function too large to copy into its callers; kept on disk.
-kernel: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False)
-# `inline`: a small function that LLVM always copies into its caller; kept on disk for callers in Python (tests).
-inline: Any = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=False, forceinline=True)
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_OPTIONS: Final[dict[str, Any]] = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": False}
+
+# Constructor of numba's integers, typed Any because numpy's integers are no `int` to a type checker. `int64(-1)` also
+# keeps numba from compiling a copy of a function for the literal -1.
+int64: Any = np.int64
 
 
-if numba.config.DISABLE_JIT:
+def kernel(function: _Function) -> _Function:
+    """Compile an entry point, or a function too large to copy into its callers; kept on disk."""
+    compiled: _Function = numba.njit(**_OPTIONS)(function)
+    return compiled
+
+
+def inline(function: _Function) -> _Function:
+    """Compile a function that LLVM always copies into its caller; kept on disk for callers in Python."""
+    compiled: _Function = numba.njit(forceinline=True, **_OPTIONS)(function)
+    return compiled
+
+
+_config: Any = numba.core.config
+PLAIN_PYTHON: Final[bool] = bool(_config.DISABLE_JIT)  # NUMBA_DISABLE_JIT=1: nothing is compiled
+
+if PLAIN_PYTHON:
 
     def pointer(array: Any) -> Any:
         """Flat view of a C-contiguous array: what stands for a pointer when nothing is compiled."""
@@ -105,17 +130,17 @@ else:
         """Address of a C-contiguous array's first element, indexed like a flat array: ``pointer(a)[3 * row + column]``.
 
         Arrays are reference-counted, and numba does not remove the counting from inlined callees: it left 9 atomic
-        increments inside a loop of 5 lines where pointers leave none. An index is neither wrapped nor checked, so it must not be
-        negative. The caller keeps the array alive.
+        increments inside a loop of 5 lines where pointers leave none. An index is neither wrapped nor checked, so
+        it must not be negative. The caller keeps the array alive.
         """
-
         if array.layout != "C":
             raise numba.errors.TypingError("pointer() needs a C-contiguous array")
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
-        return numba_types.CPointer(array.dtype)(array), generate
+        address: Any = numba_types.CPointer(array.dtype)  # type: ignore[no-untyped-call]
+        return address(array), generate
 
 
 def warm(*, lock: bool = True) -> float:

@@ -34,7 +34,7 @@ class FarmSettings(BaseSettings):
         default=None, description="redis://, rediss:// or unix:// of a server to use; none starts an embedded Valkey."
     )
     host: str = Field(default="127.0.0.1", description="Address that the API listens on.")
-    port: int = Field(default=8765, ge=0, le=65535, description="Port of the API; 0 takes a free one.")
+    port: int = Field(default=8000, ge=0, le=65535, description="Port of the API; 0 takes a free one.")
     workers: int = Field(
         default_factory=count_cores,
         ge=0,

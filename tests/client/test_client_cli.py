@@ -260,7 +260,9 @@ def test_ctrl_c_has_its_exit_code(smalti: Any, fake: Any, scene: Path) -> None:
         raise KeyboardInterrupt
 
     fake.next("POST", "/v1/jobs", interrupt)
-    assert smalti("submit", scene).exit_code == 130
+    result = smalti("submit", scene)
+    assert result.exit_code == 130
+    assert "interrupted" in result.stderr
 
 
 def test_unwritable_output_is_an_error_with_its_name(smalti: Any, fake: Any, tmp_path: Path) -> None:

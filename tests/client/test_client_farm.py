@@ -212,7 +212,9 @@ def run_demo(tmp_path: Path, name: str) -> "subprocess.Popen[str]":
     write(tmp_path / "demo.json", scene(name))
     command = [sys.executable, "-m", "client", "demo", str(tmp_path / "demo.json"), "-o", str(tmp_path / "out")]
     environment = {**os.environ, **FAKE, "PYTHONPATH": str(Path(cli.__file__).parents[1]), "TMPDIR": str(tmp_path)}
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    )
 
 
 def left_behind(tmp_path: Path) -> list[str]:
@@ -250,7 +252,7 @@ def test_demo_is_interrupted_and_leaves_nothing(tmp_path: Path) -> None:
         if line.startswith("rendering"):
             break
     for _ in range(3):  # people are impatient
-        process.send_signal(signal.SIGINT)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of its group
         time.sleep(0.3)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors

@@ -118,5 +118,6 @@ def test_another_program_at_the_address_is_told(fake: Any, answer: httpx.Respons
 
 def test_an_error_page_that_is_no_problem_document(fake: Any) -> None:
     fake.next("GET", "/v1/jobs/job1", httpx.Response(500, text="<html>", headers={"Content-Type": "application/json"}))
-    with pytest.raises(ApiError, match="HTTP 500"):
+    with pytest.raises(ApiError, match="HTTP 500") as caught:
         fake.client().status("job1")
+    assert "another program" in caught.value.hint

@@ -154,9 +154,16 @@ def test_a_short_absence_is_bridged(fake: Any, monkeypatch: pytest.MonkeyPatch) 
 
 def test_leaving_a_watch_stops_its_thread(fake: Any) -> None:
     fake.add_job(state="rendering")
-    fake.events = events(b"data: {}\n\n", lambda: fake.stop.wait(0.3))
+
+    def one_event(_: httpx.Request) -> Iterator[bytes]:
+        yield b"data: {}\n\n"
+        fake.stop.wait(0.05)
+
+    fake.events = one_event  # the stream ends again and again, and would be resumed for ever
     jobs = fake.client().watch("job1")
     next(jobs), next(jobs)
     jobs.close()
-    time.sleep(0.5)
-    assert "smalti-events" not in {thread.name for thread in threading.enumerate()}
+    time.sleep(0.2)
+    count = len(fake.requests)
+    time.sleep(0.3)
+    assert len(fake.requests) == count

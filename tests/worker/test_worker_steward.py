@@ -11,6 +11,7 @@ from worker.queue import Queue
 from worker.records import JobEvent
 from worker.states import JobState
 from worker.steward import Steward
+from worker.store import Store
 
 
 @pytest.fixture(autouse=True)
@@ -165,7 +166,7 @@ def test_ended_jobs_are_opened_once_even_across_restarts(farm: SmallFarm, monkey
     opened = []
     real = type(farm.store)._read
     monkeypatch.setattr(type(farm.store), "_read", lambda *a: opened.append(a[1:]) or real(*a))
-    Steward(farm.store, farm.queue).reconcile(everything=True)
+    Steward(Store(farm.store.root), farm.queue).reconcile(everything=True)  # as after a restart
     assert opened == []
 
 

@@ -149,6 +149,15 @@ def test_two_processes_append_without_loss(store: Store, job_id: str):
         assert [event.detail["index"] for event in events[1:] if event.by == by] == list(range(60))
 
 
+def test_transition_looks_again_when_somebody_was_faster(store: Store, job_id: str, monkeypatch: pytest.MonkeyPatch):
+    stale = store.last_event(job_id)
+    store.note(job_id, "note", by="faster", detail={})
+    real = store.last_event
+    answers = iter([stale])
+    monkeypatch.setattr(store, "last_event", lambda one: next(answers, None) or real(one))
+    assert store.transition(job_id, JobState.PREPARING, by="slower").seq == 3
+
+
 def test_only_one_of_many_transitions_wins(store: Store, job_id: str):
     def attempt(_: int) -> bool:
         try:

@@ -41,7 +41,8 @@ def test_tiles_on_disk_are_not_rendered_again(farm: SmallFarm):
     farm.store.write_tile(job_id, 1, b"kept")
     tasks.prepare(farm.worker(), job_id)
     assert farm.store.read_tile(job_id, 1) == b"kept"
-    assert farm.queue.progress(job_id).done == 2
+    progress = farm.queue.progress(job_id)
+    assert (progress.done, progress.rays) == (2, 3 * 2 * 256)  # the rays of one tile
 
 
 def test_task_for_a_job_that_has_ended_or_never_was(farm: SmallFarm):
@@ -211,23 +212,24 @@ def test_index_wiped_in_mid_run_is_waited_for(farm: SmallFarm):
     ("task", "arguments"),
     [
         ("os.system", ["true"]),
-        ("worker.tasks.scene_fault", [new_job_id()]),
+        ("os.system", [new_job_id()]),
+        ("worker.tasks.probe", [new_job_id()]),
         (contract.TASK_PREPARE, ["../../etc"]),
         (contract.TASK_PREPARE, [new_job_id(), 1]),
         (contract.TASK_PREPARE, []),
     ],
 )
-def test_foreign_hints_are_refused_and_removed(farm: SmallFarm, task: str, arguments: list[object]):
+def test_foreign_hints_are_refused_and_removed(
+    farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, task: str, arguments: list[object]
+):
     from rq import Queue as RqQueue
 
-    worker = FarmWorker(farm.worker())
-    RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer).enqueue_call(
-        task, args=tuple(arguments)
-    )
     called = []
-    for name in ("prepare", "render_run", "scene_fault"):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(tasks, name, lambda *_: called.append(1))
+    for name in ("prepare", "render_run", "probe", "system"):
+        monkeypatch.setattr(tasks, name, lambda *a: called.append(a), raising=False)
+    worker = FarmWorker(farm.worker())
+    hints = RqQueue("smalti-normal", connection=farm.queue.redis, serializer=JSONSerializer)
+    hints.enqueue_call(task, args=tuple(arguments))
     assert worker.work(burst=True, logging_level="ERROR")
     assert called == []
     assert farm.queue.redis.keys("rq:job:*") == []

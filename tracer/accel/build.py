@@ -2,7 +2,8 @@
 
 Invariants: primitives are bounded exactly (traversal, not the boxes, pays for rounding); a leaf holds at most
 :data:`MAX_LEAF` primitives, by ascending id; the depth is at most :data:`MAX_DEPTH`, whatever the input, because ranges
-that the heuristic cannot split (equal centroids) or that sit too deep are halved by count; the result depends on the input alone.
+that the heuristic cannot split (equal centroids) or that sit too deep are halved by count; the result depends on
+the input alone.
 
 Sources: Wald 2007 (binning); MacDonald and Booth 1990 (heuristic).
 """
@@ -34,7 +35,7 @@ def _half_area(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
 
 @kernel
 def _best_split(bounds: NDArray[np.float64], ids: NDArray[np.int32], first: int, end: int) -> tuple[float, int, float]:
-    """Cheapest binned split of ``ids[first:end]``: cost (area x count, infinite when all centroids agree), axis, plane."""
+    """Cheapest binned split of ``ids[first:end]``: cost (area x count, infinite if there is none), axis, plane."""
     best_cost = math.inf
     best_axis = -1
     best_plane = 0.0

@@ -12,7 +12,7 @@ from tracer.accel.build import MAX_DEPTH
 from tracer.accel.traverse import closest_hit, transmit
 from tracer.accel.view import view_scene
 from tracer.geometry.vector import at
-from tracer.jit import kernel, pointer
+from tracer.jit import int64, kernel, pointer
 from tracer.types import CompiledScene
 
 
@@ -90,7 +90,7 @@ def find_transmittance(
     o = pointer(origins)
     d = pointer(directions)
     for k in range(n):
-        shadow = transmit(view, at(o, 3 * k), at(d, 3 * k), t_max[k], np.int64(-1), occluders[0], pointer(stack))
+        shadow = transmit(view, at(o, 3 * k), at(d, 3 * k), t_max[k], int64(-1), occluders[0], pointer(stack))
         occluders[0] = shadow.occluder
         share[k, 0] = shadow.red
         share[k, 1] = shadow.green

@@ -2,10 +2,10 @@
 
 Invariants
 ----------
-* The closest hit is the least (t, id) over all primitives with 0 < t, whatever the order of traversal: boxes are only left
-  out when they begin beyond the best t, and their test is conservative.
-* The slab test picks planes by the direction's sign and skips NaN (an origin in a face of the box, no motion across it), so
-  axis-aligned rays and flat boxes lose nothing.
+* The closest hit is the least (t, id) over all primitives with 0 < t, whatever the order of traversal: boxes are
+  only left out when they begin beyond the best t, and their test is conservative.
+* The slab test picks planes by the direction's sign and skips NaN (an origin in a face of the box, no motion across
+  it), so axis-aligned rays and flat boxes lose nothing.
 * A ray that is not finite or has no direction misses at once.
 
 Sources: Kay and Kajiya 1986; Pharr et al. 6.8.2; Williams et al. 2005 (signs), with the NaN rule of ``accuracy.md``.
@@ -14,28 +14,27 @@ Sources: Kay and Kajiya 1986; Pharr et al. 6.8.2; Williams et al. 2005 (signs), 
 import math
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
 from tracer.geometry.quadric import Crossings
 from tracer.geometry.rounding import EPSILON, gamma
 from tracer.geometry.shapes import cross_plane, cross_shape, transform
 from tracer.geometry.triangle import Shear, intersect_triangle, shear_ray
 from tracer.geometry.vector import at, subtract
-from tracer.jit import inline
+from tracer.jit import inline, int64
 from tracer.types import MATERIAL_KT, N_MATERIAL, SceneView, Vec3
 
-# Roundings that the padding of boxes covers, as a multiple of eps times the distance from the origin to the farthest corner of
-# the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex (coordinate difference, slope, product, sum, and
-# the slope again along z), the rest for the affine maps of shapes. It is 1e-14 of the scene: no box is visited for it.
+# Roundings that the padding of boxes covers, as a multiple of eps times the distance from the origin to the
+# farthest corner of the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex
+# (coordinate difference, slope, product, sum, and the slope again along z), the rest for the affine maps of shapes.
+# It is 1e-14 of the scene: no box is visited for it.
 _PAD: Final = gamma(64)
 
-# A direction below this is none. A component whose inverse overflows is then smaller than the largest one by 2^-120, so what it
-# moves within the scene is far below the padding.
+# A direction below this is none. A component whose inverse overflows is then smaller than the largest one by
+# 2^-120, so what it moves within the scene is far below the padding.
 _SHORTEST: Final = 2.0**-900
 
 
 class Slabs(NamedTuple):
-    """A ray as boxes see it: by axis, padded origins for the near and far planes, inverse direction, 1 where it is negative."""
+    """A ray as boxes see it: padded origins for near and far planes, inverse direction, 1 where it is negative."""
 
     near_x: float
     near_y: float
@@ -74,7 +73,7 @@ def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
     reach_x = max(abs(root[0] - o.x), abs(root[3] - o.x))
     reach_y = max(abs(root[1] - o.y), abs(root[4] - o.y))
     reach_z = max(abs(root[2] - o.z), abs(root[5] - o.z))
-    pad = _PAD * max(reach_x, max(reach_y, reach_z))
+    pad = _PAD * max(reach_x, reach_y, reach_z)
     # 2 eps |o| more, or the sum's own rounding would swallow the padding far from the world's origin.
     pad_x = math.copysign(pad + 2.0 * EPSILON * abs(o.x), d.x)
     pad_y = math.copysign(pad + 2.0 * EPSILON * abs(o.y), d.y)
@@ -151,8 +150,8 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
         Scratch.
     """
     best_t = math.inf
-    best = np.int64(-1)  # not a literal: numba would compile a copy of what it is handed to
-    best_slot = np.int64(-1)
+    best = int64(-1)  # not a literal: numba would compile a copy of what it is handed to
+    best_slot = int64(-1)
     best_v = 0.0
     best_w = 0.0
     if not is_valid_ray(o, d):
@@ -168,9 +167,9 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
         return Hit(best_t, best, best_slot, best_v, best_w)
     shear = shear_ray(o, d)
     slabs = make_slabs(view.bvh_root, o, d)
-    top = np.int64(0)
-    node = np.int64(0)
-    count = np.int64(0)
+    top = int64(0)
+    node = int64(0)
+    count = int64(0)
     while True:
         if count == 0:
             # Test both children; go on with the nearer one and keep the other.
@@ -182,25 +181,25 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
             hit1 = t1 >= 0.0
             if hit0 and hit1:
                 if t1 < t0:
-                    stack[top] = (np.int64(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
+                    stack[top] = (int64(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
                     stack_t[top] = t0
                     j += 2
                 else:
-                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    stack[top] = (int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
                     stack_t[top] = t1
                 top += 1
-                node = np.int64(view.bvh_children[j])
-                count = np.int64(view.bvh_children[j + 1])
+                node = int64(view.bvh_children[j])
+                count = int64(view.bvh_children[j + 1])
                 continue
             if hit0 or hit1:
                 if hit1:
                     j += 2
-                node = np.int64(view.bvh_children[j])
-                count = np.int64(view.bvh_children[j + 1])
+                node = int64(view.bvh_children[j])
+                count = int64(view.bvh_children[j + 1])
                 continue
         else:
             for slot in range(node, node + count):
-                primitive = np.int64(view.bvh_slots[slot])
+                primitive = int64(view.bvh_slots[slot])
                 if primitive < view.n_triangles:
                     hit = intersect_triangle(view.bvh_vertices, slot, shear)
                     if _is_nearer(hit.t, primitive, best_t, best) and primitive != skip:
@@ -231,24 +230,24 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
 def material_of(view: SceneView, primitive: int) -> int:
     """Row of the primitive's material."""
     if primitive < view.n_triangles:
-        return np.int64(view.face_material[primitive])
+        return int(view.face_material[primitive])
     if primitive < view.n_triangles + view.n_shapes:
-        return np.int64(view.shape_material[primitive - view.n_triangles])
-    return np.int64(view.plane_material[primitive - view.n_triangles - view.n_shapes])
+        return int(view.shape_material[primitive - view.n_triangles])
+    return int(view.plane_material[primitive - view.n_triangles - view.n_shapes])
 
 
 @inline
 def is_opaque(view: SceneView, material: int) -> bool:
     """Tell whether a material lets no light through: kt is black."""
     i = N_MATERIAL * material + MATERIAL_KT
-    return view.materials[i] == 0.0 and view.materials[i + 1] == 0.0 and view.materials[i + 2] == 0.0
+    return bool(view.materials[i] == 0.0 and view.materials[i + 1] == 0.0 and view.materials[i + 2] == 0.0)
 
 
 @inline
-def hits_occluder(view: SceneView, slot: int, o: Vec3, d: Vec3, t_max: float, skip: int, shear: Shear) -> bool:
+def hits_occluder(view: SceneView, slot: int, t_max: float, skip: int, shear: Shear) -> bool:
     """Tell whether the (opaque) triangle in a slot lies in 0 < t < t_max."""
     t = intersect_triangle(view.bvh_vertices, slot, shear).t
-    return 0.0 < t < t_max and np.int64(view.bvh_slots[slot]) != skip
+    return 0.0 < t < t_max and int64(view.bvh_slots[slot]) != skip
 
 
 class Shadow(NamedTuple):
@@ -272,8 +271,8 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
     skip
         As for :func:`closest_hit`.
     occluder
-        Slot of the opaque triangle that ended the last shadow ray of this light, tried first, or -1. It changes no result: what it
-        ends is black anyway.
+        Slot of the opaque triangle that ended the last shadow ray of this light, tried first, or -1. It changes no
+        result: what it ends is black anyway.
     stack
         Scratch of MAX_DEPTH int64.
     """
@@ -286,19 +285,19 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
     for k in range(view.n_planes):
         t = cross_plane(at(view.plane_point, 3 * k), at(view.plane_normal, 3 * k), o, d)
         if 0.0 < t < t_max and first_plane + k != skip:
-            i = N_MATERIAL * np.int64(view.plane_material[k]) + MATERIAL_KT
+            i = N_MATERIAL * int64(view.plane_material[k]) + MATERIAL_KT
             red *= view.materials[i]
             green *= view.materials[i + 1]
             blue *= view.materials[i + 2]
     if (red == 0.0 and green == 0.0 and blue == 0.0) or first_plane == 0:
         return Shadow(red, green, blue, -1, False)
     shear = shear_ray(o, d)
-    if occluder >= 0 and hits_occluder(view, occluder, o, d, t_max, skip, shear):
+    if occluder >= 0 and hits_occluder(view, occluder, t_max, skip, shear):
         return Shadow(0.0, 0.0, 0.0, occluder, True)
     slabs = make_slabs(view.bvh_root, o, d)
-    top = np.int64(0)
-    node = np.int64(0)
-    count = np.int64(0)
+    top = int64(0)
+    node = int64(0)
+    count = int64(0)
     while True:
         if count == 0:
             i = 12 * node
@@ -307,18 +306,18 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
             j = 4 * node
             if hit0:
                 if hit1:
-                    stack[top] = (np.int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
+                    stack[top] = (int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
                     top += 1
-                node = np.int64(view.bvh_children[j])
-                count = np.int64(view.bvh_children[j + 1])
+                node = int64(view.bvh_children[j])
+                count = int64(view.bvh_children[j + 1])
                 continue
             if hit1:
-                node = np.int64(view.bvh_children[j + 2])
-                count = np.int64(view.bvh_children[j + 3])
+                node = int64(view.bvh_children[j + 2])
+                count = int64(view.bvh_children[j + 3])
                 continue
         else:
             for slot in range(node, node + count):
-                primitive = np.int64(view.bvh_slots[slot])
+                primitive = int64(view.bvh_slots[slot])
                 crossed = 0
                 if primitive < view.n_triangles:
                     t = intersect_triangle(view.bvh_vertices, slot, shear).t

@@ -1,8 +1,9 @@
 """Where a line meets the unit sphere and the unit cylinder.
 
-The quadratic is solved about the point of the line nearest to the centre, where nothing cancels: the perpendicular-distance
-form of Haines, Guenther and Akenine-Moeller ("Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems,
-ch. 7). The plain discriminant misclassifies a quarter of the rays at a distance of 1e4 radii in float32.
+The quadratic is solved about the point of the line nearest to the centre, where nothing cancels: the
+perpendicular-distance form of Haines, Guenther and Akenine-Moeller ("Precision Improvements for Ray/Sphere
+Intersection", Ray Tracing Gems, ch. 7). The plain discriminant misclassifies a quarter of the rays at a distance of
+1e4 radii in float32.
 
 Both parameters are returned, in order, negative ones too; NaN where the line misses. Directions may have any length.
 """

@@ -18,7 +18,7 @@ _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 
 def gamma(n: int) -> float:
-    """Bound the relative error of ``n`` roundings in a row: n eps / (1 - n eps). For module constants, not for kernels."""
+    """Bound the relative error of ``n`` roundings in a row: n eps / (1 - n eps). For constants, not for kernels."""
     return n * EPSILON / (1.0 - n * EPSILON)
 
 

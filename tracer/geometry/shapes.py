@@ -139,8 +139,8 @@ def cross_shape(kind: int, o: Vec3, d: Vec3) -> Crossings:
     Returns
     -------
     Crossings
-        The parameters at which the line goes through the surface, at most two as all shapes are convex; NaN for each that
-        is absent.
+        The parameters at which the line goes through the surface, at most two as all shapes are convex; NaN for
+        each that is absent.
     """
     if kind == SHAPE_SPHERE:
         return cross_unit_sphere(o, d)
@@ -250,19 +250,15 @@ def locate_on_triangle(positions: Any, i0: int, i1: int, i2: int, b1: float, b2:
     )
     e1 = subtract(p1, p0)
     e2 = subtract(p2, p0)
-    extent = max(
-        max(max(abs(e1.x), abs(e1.y)), max(abs(e1.z), abs(e2.x))),
-        max(abs(e2.y), abs(e2.z)),
-    )
-    # gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this triangle's and its
-    # neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the world's origin.
+    extent = max(abs(e1.x), abs(e1.y), abs(e1.z), abs(e2.x), abs(e2.y), abs(e2.z))
+    # gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this
+    # triangle's and its neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the
+    # world's origin.
     reach = _GAMMA_8 * extent
     error = Vec3(
         _GAMMA_7 * (abs(b0 * p0.x) + abs(b1 * p1.x) + abs(b2 * p2.x)) + reach,
         _GAMMA_7 * (abs(b0 * p0.y) + abs(b1 * p1.y) + abs(b2 * p2.y)) + reach,
         _GAMMA_7 * (abs(b0 * p0.z) + abs(b1 * p1.z) + abs(b2 * p2.z)) + reach,
     )
-    normal = normalize(
-        Vec3(e1.y * e2.z - e1.z * e2.y, e1.z * e2.x - e1.x * e2.z, e1.x * e2.y - e1.y * e2.x)
-    )
+    normal = normalize(Vec3(e1.y * e2.z - e1.z * e2.y, e1.z * e2.x - e1.x * e2.z, e1.x * e2.y - e1.y * e2.x))
     return SurfacePoint(position, error, normal, b1, b2)

@@ -59,14 +59,14 @@ def length(a: Vec3) -> float:
 
 @inline
 def normalize(a: Vec3) -> Vec3:
-    """Unit vector of the same direction; a zero vector (or one whose square underflows) stays as it is.
+    """Scale to unit length; a zero vector stays as it is.
 
     A vector whose square would leave the range of float64 is brought to unit maximum first.
     """
     squared = dot(a, a)
     if 1e-290 < squared < 1e290:  # well inside the range, where one division by the length is accurate
         return scale(a, 1.0 / math.sqrt(squared))
-    largest = max(abs(a.x), max(abs(a.y), abs(a.z)))
+    largest = max(abs(a.x), abs(a.y), abs(a.z))
     if not (0.0 < largest < math.inf):
         return a
     b = Vec3(a.x / largest, a.y / largest, a.z / largest)
@@ -88,7 +88,7 @@ def is_black(a: Vec3) -> bool:
 @inline
 def largest(a: Vec3) -> float:
     """Greatest coordinate."""
-    return max(a.x, max(a.y, a.z))
+    return max(a.x, a.y, a.z)
 
 
 @inline

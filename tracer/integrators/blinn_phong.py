@@ -1,27 +1,26 @@
 """The report's recursive integrator, without recursion: direct light at every hit, mirror and refraction bounces.
 
-Rays wait on a small stack with their throughput, the product of kr or kt and of the attenuations on the way. Depth first and in a fixed order, so
-sums do not depend on anything but the scene and the ray.
+Rays wait on a small stack with their throughput, the product of kr or kt and of the attenuations on the way. Depth
+first and in a fixed order, so sums do not depend on anything but the scene and the ray.
 
 Semantics where the report leaves a choice:
 
-* A viewer is behind a surface by the geometric normal, turned to the shading normal's side. A two-sided material turns its shading
-  normal to such a viewer; refraction enters in front and leaves behind, whatever `two_sided` says.
+* A viewer is behind a surface by the geometric normal, turned to the shading normal's side. A two-sided material
+  turns its shading normal to such a viewer; refraction enters in front and leaves behind, whatever `two_sided`
+  says.
 * Total internal reflection sends the kt share along the mirror direction.
-* `max_depth` counts bounces after the primary ray; what lies beyond is black. A bounce whose throughput, with the largest value of
-  its attenuation, is below `min_throughput` in every channel is black, too.
+* `max_depth` counts bounces after the primary ray; what lies beyond is black. A bounce whose throughput, with the
+  largest value of its attenuation, is below `min_throughput` in every channel is black, too.
 
 Source: [farmer2019 eq. 9-18].
 """
 
 from typing import Final
 
-import numpy as np
-
 from tracer.accel.traverse import closest_hit, transmit
 from tracer.geometry.vector import add, at, dot, is_black, largest, multiply, negate, scale
 from tracer.integrators.scratch import PENDING_COLUMNS, PENDING_DEPTH, PENDING_MATERIAL, PENDING_SKIP, Scratch
-from tracer.jit import inline
+from tracer.jit import inline, int64
 from tracer.rays.spawn import offset_origin
 from tracer.shading.lights import see_light, shadow_ray
 from tracer.shading.phong import (
@@ -88,7 +87,9 @@ def total_ambient(view: SceneView) -> Vec3:
 def _attenuate(view: SceneView, material: int, distance: float) -> float:
     """Attenuation of a material over a distance."""
     i = N_MATERIAL * material
-    return attenuation(view.materials[i + MATERIAL_A], view.materials[i + MATERIAL_B], view.materials[i + MATERIAL_C], distance)
+    return attenuation(
+        view.materials[i + MATERIAL_A], view.materials[i + MATERIAL_B], view.materials[i + MATERIAL_C], distance
+    )
 
 
 @inline
@@ -117,7 +118,7 @@ def _light_surface(view: SceneView, surface: Surface, n: Vec3, v: Vec3, scratch:
             origin = offset_origin(surface.position, surface.error, surface.geometric, sight.to_light)
             direction, t_max = shadow_ray(view.lights, kind, light, origin)
             shadow = transmit(
-                view, origin, direction, t_max, surface.skip, np.int64(scratch.occluders[light]), scratch.stack
+                view, origin, direction, t_max, surface.skip, int64(scratch.occluders[light]), scratch.stack
             )
             scratch.occluders[light] = shadow.occluder
             if shadow.from_cache:
@@ -125,7 +126,9 @@ def _light_surface(view: SceneView, surface: Surface, n: Vec3, v: Vec3, scratch:
             arriving = Vec3(strength * shadow.red, strength * shadow.green, strength * shadow.blue)
             if is_black(arriving):
                 continue
-        total = add(total, multiply(reflect_diffuse(kd, at(view.lights, N_LIGHT * light + LIGHT_DIFFUSE), n_dot_l), arriving))
+        total = add(
+            total, multiply(reflect_diffuse(kd, at(view.lights, N_LIGHT * light + LIGHT_DIFFUSE), n_dot_l), arriving)
+        )
         if not is_black(specular):
             n_dot_h = dot(n, half_vector(sight.to_light, v))
             highlight = reflect_specular(
@@ -189,10 +192,10 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
     o = origin
     d = direction
     throughput = Vec3(1.0, 1.0, 1.0)
-    depth = np.int64(0)
-    skip = np.int64(-1)  # not literals: numba would compile a copy of what they are handed to
-    from_material = np.int64(-1)
-    top = np.int64(0)
+    depth = int64(0)
+    skip = int64(-1)  # not literals: numba would compile a copy of what they are handed to
+    from_material = int64(-1)
+    top = int64(0)
     while True:
         hit = closest_hit(view, o, d, skip, scratch.stack, scratch.stack_t)
         if from_material >= 0:  # the distance travelled is known only now
@@ -219,13 +222,13 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
                 through, u_t = refract_direction(d, facing, eta if behind else 1.0 / eta)
                 if through:
                     weight = weigh_transmitted(kt, throughput, 1.0)
-                    top = _push(view, scratch, top, surface, u_t, weight, depth + 1, np.int64(_TRANSMISSION_RAYS))
+                    top = _push(view, scratch, top, surface, u_t, weight, depth + 1, int64(_TRANSMISSION_RAYS))
                 else:
                     mirrored = add(kr, kt)
             if not is_black(mirrored):
                 weight = weigh_reflected(mirrored, throughput, 1.0)
                 u_r = reflect_direction(d, n)
-                top = _push(view, scratch, top, surface, u_r, weight, depth + 1, np.int64(_REFLECTION_RAYS))
+                top = _push(view, scratch, top, surface, u_r, weight, depth + 1, int64(_REFLECTION_RAYS))
         if top == 0:
             return total
         top -= 1
@@ -233,6 +236,6 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
         o = at(scratch.pending, i)
         d = at(scratch.pending, i + 3)
         throughput = at(scratch.pending, i + 6)
-        depth = np.int64(scratch.pending[i + PENDING_DEPTH])
-        from_material = np.int64(scratch.pending[i + PENDING_MATERIAL])
-        skip = np.int64(scratch.pending[i + PENDING_SKIP])
+        depth = int64(scratch.pending[i + PENDING_DEPTH])
+        from_material = int64(scratch.pending[i + PENDING_MATERIAL])
+        skip = int64(scratch.pending[i + PENDING_SKIP])

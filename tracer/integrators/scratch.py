@@ -22,7 +22,7 @@ class Scratch(NamedTuple):
 
     stack: Any  # int64 (STACK_ENTRIES,) packed nodes of the traversal
     stack_t: Any  # float64 (STACK_ENTRIES,) where each begins
-    pending: Any  # float64 (max_depth + 3, PENDING_COLUMNS) bounces to trace: a ray waits with at most one sibling a depth
+    pending: Any  # float64 (pending_entries, PENDING_COLUMNS) bounces to trace
     occluders: Any  # int64 (n_lights,) slot of the triangle that ended each light's last shadow ray, -1 for none
     counters: Any  # int64 (len(COUNTERS),)
 

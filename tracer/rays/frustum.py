@@ -28,7 +28,7 @@ _GAMMA_64: Final = gamma(64)
 @inline
 def _size(a: Vec3) -> float:
     """Largest absolute coordinate."""
-    return max(abs(a.x), max(abs(a.y), abs(a.z)))
+    return max(abs(a.x), abs(a.y), abs(a.z))
 
 
 @inline
@@ -43,7 +43,7 @@ def _is_outside(root: Any, o: Vec3, n: Vec3, margin: float) -> bool:
     x = max(n.x * (root[0] - o.x), n.x * (root[3] - o.x))
     y = max(n.y * (root[1] - o.y), n.y * (root[4] - o.y))
     z = max(n.z * (root[2] - o.z), n.z * (root[5] - o.z))
-    return x + y + z < -margin
+    return bool(x + y + z < -margin)
 
 
 @kernel
@@ -88,7 +88,8 @@ def misses_bounds(
         )
         least = min(_size(p.direction), _size(q.direction))
         if least > 0.0 and inner != 0.0:
-            # A ray strays from its plane by gamma(16) of the terms over its length, times the distance; so does the plane.
+            # A ray strays from its plane by gamma(16) of the terms over its length, times the distance; so does the
+            # plane.
             n_size = abs(n.x) + abs(n.y) + abs(n.z)
             margin = _GAMMA_64 * n_size * (reach * (1.0 + terms / least) + _size(p.origin) + terms)
             if _is_outside(root, p.origin, n, margin):

@@ -1,7 +1,8 @@
 """Origins of rays that leave a surface.
 
-The origin is moved along the geometric normal, to the side on which the new ray goes, by the bound on the hit point's error
-and one representable number further: as little as keeps the ray from meeting the surface it left, at any scale.
+The origin is moved along the geometric normal, to the side on which the new ray goes, by the bound on the hit
+point's error and one representable number further: as little as keeps the ray from meeting the surface it left, at
+any scale.
 
 Source: Pharr et al., "Physically Based Rendering" 6.8.6.
 """

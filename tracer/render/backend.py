@@ -4,7 +4,7 @@ Invariants: a backend is stateless, so one serves any number of threads; what it
 `arithmetic` names its class of arithmetic and stands in the hash of every render. Today there is the CPU's.
 """
 
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,8 @@ class Backend(Protocol):
 class CpuBackend:
     """Scalar float64 kernels, one thread a call, without the GIL."""
 
-    name: Final = "cpu"
-    arithmetic: Final = "f64-v1"
+    name: str = "cpu"
+    arithmetic: str = "f64-v1"
 
     def compile(self, scene: SceneDoc, assets: AssetResolver) -> CompiledScene:
         """Compile a scene document and its files; see :class:`Backend`."""
@@ -86,7 +86,8 @@ class CpuBackend:
         """
         check_layout(compiled)
         # One numba type for arrays from memory and from memory-mapped files alike.
-        scene = CompiledScene(*(np.asarray(field) for field in compiled))
+        fields: list[Any] = [np.asarray(field) for field in compiled]
+        scene = CompiledScene(*fields)
         blocks = np.ascontiguousarray(blocks, np.int32)
         first, end = sample_range
         if blocks.ndim != 2 or blocks.shape[1] != 2 or (len(blocks) and blocks.min() < 0):

@@ -1,8 +1,8 @@
 """The kernel: blocks of 16 x 16 pixels, from camera ray to compensated sums.
 
-Invariants: a pixel's sums depend on the scene, the pixel and the sample range alone, not on the block, its order, or the thread. Each
-half (even and odd sample indices) is summed with compensation and rounded once. The cancel flag is read before every row of a
-block and every 512 samples of a pixel, so a cancel is seen within a few milliseconds.
+Invariants: a pixel's sums depend on the scene, the pixel and the sample range alone, not on the block, its order,
+or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once. The cancel flag
+is read before every row of a block and every 512 samples of a pixel, so a cancel is seen within a few milliseconds.
 
 Sources: Neumaier 1974 (summation); ``../shared/design/architecture.md`` ("Three seams").
 """
@@ -16,7 +16,7 @@ from tracer.accel.view import view_scene
 from tracer.geometry.vector import at
 from tracer.integrators.blinn_phong import total_ambient, trace_radiance
 from tracer.integrators.scratch import allocate, make_scratch
-from tracer.jit import inline, kernel, pointer
+from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera import camera_ray, unit_ray
 from tracer.rays.frustum import misses_bounds
 from tracer.sampling.hashing import pixel_key
@@ -110,9 +110,10 @@ def render_blocks(
     may_skip = settings[SETTING_SKIP] != 0 and view.n_planes == 0
     half_size = BLOCK_PX * BLOCK_PX * 3
     for block in range(blocks.shape[0]):
-        x0 = BLOCK_PX * np.int64(where[2 * block])
-        y0 = BLOCK_PX * np.int64(where[2 * block + 1])
-        # Each block starts with an empty occluder cache, so that its counters do not depend on what was rendered before.
+        x0 = BLOCK_PX * int64(where[2 * block])
+        y0 = BLOCK_PX * int64(where[2 * block + 1])
+        # Each block starts with an empty occluder cache, so that its counters do not depend on what was rendered
+        # before.
         for light in range(view.n_lights):
             scratch.occluders[light] = -1
         block_empty = may_skip and misses_bounds(

@@ -64,7 +64,7 @@ def list_blocks(compiled: CompiledScene) -> NDArray[np.int32]:
 
 
 def window_of(compiled: CompiledScene) -> tuple[int, int, int, int]:
-    """Rendered window (x, y, width, height), absolute pixels."""
+    """Return the rendered window (x, y, width, height), absolute pixels."""
     names = (SETTING_CROP_X, SETTING_CROP_Y, SETTING_CROP_WIDTH, SETTING_CROP_HEIGHT)
     x, y, width, height = (int(compiled.settings[name]) for name in names)
     return x, y, width, height

@@ -1,9 +1,10 @@
 """Counter-based random numbers: a hash of where the number is used, no state.
 
-32-bit words are kept in 64-bit integers and masked: a product of two words fits, so the same code runs compiled and as plain
-Python, and nothing overflows.
+32-bit words are kept in 64-bit integers and masked: a product of two words fits, so the same code runs compiled and
+as plain Python, and nothing overflows.
 
-Sources: Wellons, "Prospecting for Hash Functions" (triple32, bias 0.02); Salmon et al. 2011 (counter-based random numbers).
+Sources: Wellons, "Prospecting for Hash Functions" (triple32, bias 0.02); Salmon et al. 2011 (counter-based random
+numbers).
 """
 
 from typing import Final

@@ -1,7 +1,8 @@
 """The samplers behind one pure function.
 
-A sample's position depends on (seed, pixel, sample, dimension) and on the number of samples, on nothing else: not on the picture's size, the
-order of rendering, or the machine. ``dimension`` counts independent pairs of coordinates: 0 is the position in the pixel.
+A sample's position depends on (seed, pixel, sample, dimension) and on the number of samples, on nothing else: not
+on the picture's size, the order of rendering, or the machine. ``dimension`` counts independent pairs of
+coordinates: 0 is the position in the pixel.
 """
 
 from typing import Final

@@ -1,9 +1,11 @@
 """Owen-scrambled, shuffled Sobol points in two dimensions.
 
-Each pixel and dimension pair has its own random scrambling, by hash: every aligned run of 2^k samples of a pixel has one point in each
-elementary interval of area 2^-k (a (0, k, 2)-net), and the points are uniform over the scramblings.
+Each pixel and dimension pair has its own random scrambling, by hash: every aligned run of 2^k samples of a pixel
+has one point in each elementary interval of area 2^-k (a (0, k, 2)-net), and the points are uniform over the
+scramblings.
 
-Sources: Burley 2020, "Practical Hash-based Owen Scrambling"; Laine and Karras 2011 (the permutation); Vegdahl's constants.
+Sources: Burley 2020, "Practical Hash-based Owen Scrambling"; Laine and Karras 2011 (the permutation); Vegdahl's
+constants.
 """
 
 from typing import Final

@@ -55,8 +55,8 @@ def see_light(lights: Any, kind: int, light: int, p: Vec3) -> LightSight:
 def shadow_ray(lights: Any, kind: int, light: int, origin: Vec3) -> tuple[Vec3, float]:
     """Direction and end of the shadow ray from ``origin``.
 
-    A surface that the light itself touches does not shadow it: the ray ends by its hits' rounding (16 eps of the depth, and the
-    shear's) before the light.
+    A surface that the light itself touches does not shadow it: the ray ends by its hits' rounding (16 eps of the
+    depth, and the shear's) before the light.
     """
     if kind == LIGHT_KIND_DIRECTIONAL:
         d = at(lights, N_LIGHT * light + LIGHT_DIRECTION)

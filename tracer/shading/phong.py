@@ -1,7 +1,7 @@
 """The report's reflection model, one function an equation.
 
-I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]. Colours are linear RGB; directions point away from the surface except the
-incident ray's d; n, l, v, h, d are unit. Scalars in, scalars out, nothing read from a scene.
+I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]. Colours are linear RGB; directions point away from the surface
+except the incident ray's d; n, l, v, h, d are unit. Scalars in, scalars out, nothing read from a scene.
 
 Departs from the report's program, which uses the interpolated normal as it is in eq. 17: here it is unit.
 """
@@ -14,7 +14,9 @@ from tracer.types import Vec3
 
 
 @inline
-def sum_intensity(ambient: Vec3, diffuse: Vec3, specular: Vec3, emitted: Vec3, reflected: Vec3, transmitted: Vec3) -> Vec3:
+def sum_intensity(
+    ambient: Vec3, diffuse: Vec3, specular: Vec3, emitted: Vec3, reflected: Vec3, transmitted: Vec3
+) -> Vec3:
     """I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]."""
     return add(add(add(ambient, diffuse), add(specular, emitted)), add(reflected, transmitted))
 
@@ -23,8 +25,8 @@ def sum_intensity(ambient: Vec3, diffuse: Vec3, specular: Vec3, emitted: Vec3, r
 def attenuation(a: float, b: float, c: float, distance: float) -> float:
     """1 / (a + b D + c D^2), the factor of eq. 11, 12, 14 and 15; an infinite D has none but a.
 
-    A light without a distance (directional) and a ray that meets nothing are attenuated by 1 / a. With a = 0 that would be
-    infinite: such a material gets nothing from infinitely far away, the limit for D to infinity.
+    A light without a distance (directional) and a ray that meets nothing are attenuated by 1 / a. With a = 0 that
+    would be infinite: such a material gets nothing from infinitely far away, the limit for D to infinity.
     """
     denominator = a + distance * (b + c * distance) if distance < math.inf else a
     return 1.0 / denominator if denominator > 0.0 else 0.0
@@ -38,7 +40,10 @@ def attenuation_bound(a: float) -> float:
 
 @inline
 def reflect_ambient(ka: Vec3, ambient: Vec3) -> Vec3:
-    """Ia = ka (sum of the global and all lights' ambient intensities), neither attenuated nor shadowed [farmer2019 eq. 10]."""
+    """Ia = ka (sum of the global and all lights' ambient intensities) [farmer2019 eq. 10].
+
+    Neither attenuated nor shadowed.
+    """
     return multiply(ka, ambient)
 
 
@@ -68,13 +73,13 @@ def weigh_reflected(kr: Vec3, radiance: Vec3, factor: float) -> Vec3:
 
 @inline
 def weigh_transmitted(kt: Vec3, radiance: Vec3, factor: float) -> Vec3:
-    """It = kt I_t / (a + b D + c D^2), D the distance that the transmitted ray travels [farmer2019 eq. 15]."""
+    """Compute It = kt I_t / (a + b D + c D^2), D the distance that the transmitted ray travels [farmer2019 eq. 15]."""
     return scale(multiply(kt, radiance), factor)
 
 
 @inline
 def half_vector(to_light: Vec3, to_viewer: Vec3) -> Vec3:
-    """H = (l + v) / |l + v| [farmer2019 eq. 16]; zero when l = -v."""
+    """Return h = (l + v) / |l + v| [farmer2019 eq. 16]; zero when l = -v."""
     return normalize(add(to_light, to_viewer))
 
 
@@ -96,7 +101,8 @@ def refract_direction(d: Vec3, n: Vec3, ratio: float) -> tuple[bool, Vec3]:
     ratio : index of refraction on that side over that on the other
     """
     cosine = -dot(d, n)
-    # 1 - ratio^2 (1 - cosine^2), written so that nothing cancels at grazing angles and a ratio of 1 goes straight on exactly.
+    # 1 - ratio^2 (1 - cosine^2), written so that nothing cancels at grazing angles and a ratio of 1 goes straight
+    # on exactly.
     along = ratio * cosine
     square = (1.0 - ratio) * (1.0 + ratio) + along * along
     if square < 0.0:

@@ -2,12 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from tracer.accel.traverse import Hit, material_of
 from tracer.geometry.shapes import SurfacePoint, locate_on_plane, locate_on_shape, locate_on_triangle
 from tracer.geometry.vector import at, dot, is_zero, negate, normalize
-from tracer.jit import inline
+from tracer.jit import inline, int64
 from tracer.shading.texture import sample_texture
 from tracer.types import (
     FACE_HAS_COLORS,
@@ -59,19 +57,19 @@ def make_surface(view: SceneView, hit: Hit, o: Vec3, d: Vec3) -> Surface:
     """Gather the facts of a hit of the ray (o, d); ``hit.primitive`` must not be -1."""
     material = material_of(view, hit.primitive)
     tint = Vec3(1.0, 1.0, 1.0)
-    skip = np.int64(-1)
+    skip = int64(-1)
     raw = Vec3(0.0, 0.0, 0.0)
     if hit.primitive < view.n_triangles:
         face = hit.primitive
-        i0 = np.int64(view.face_vertices[3 * face])
-        i1 = np.int64(view.face_vertices[3 * face + 1])
-        i2 = np.int64(view.face_vertices[3 * face + 2])
+        i0 = int64(view.face_vertices[3 * face])
+        i1 = int64(view.face_vertices[3 * face + 1])
+        i2 = int64(view.face_vertices[3 * face + 2])
         b1 = _weight_of(1, view, hit)
         b2 = _weight_of(2, view, hit)
         b0 = 1.0 - b1 - b2
         point = locate_on_triangle(view.vertex_positions, i0, i1, i2, b1, b2)
         skip = face
-        flags = np.int64(view.face_flags[face])
+        flags = int64(view.face_flags[face])
         if flags & FACE_HAS_NORMALS:  # as given, then unit
             raw = _interpolate(view.vertex_normals, i0, i1, i2, b0, b1, b2)
         if flags & FACE_HAS_COLORS:
@@ -104,7 +102,7 @@ def make_surface(view: SceneView, hit: Hit, o: Vec3, d: Vec3) -> Surface:
     # Flat faces, and those whose vertex normals cancel out, shade by the geometric normal.
     shading = point.normal if is_zero(raw) else normalize(raw)
     geometric = negate(point.normal) if dot(point.normal, shading) < 0.0 else point.normal
-    texture = np.int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE])
+    texture = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE])
     if texture >= 0:
         wrap = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_WRAP]
         filtering = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_FILTER]

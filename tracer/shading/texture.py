@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tracer.geometry.vector import at
-from tracer.jit import inline, kernel
+from tracer.jit import inline, int64, kernel
 from tracer.types import FILTER_BILINEAR, N_TEXTURE, TEXTURE_HEIGHT, TEXTURE_OFFSET, TEXTURE_WIDTH, WRAP_REPEAT, Vec3
 
 
@@ -26,7 +26,7 @@ def wrap_index(i: int, n: int, wrap: int) -> int:
 def wrap_coordinate(x: float, wrap: int) -> float:
     """Bring a coordinate into [0, 1]: its fraction, or the nearest end."""
     if wrap == WRAP_REPEAT:
-        return x - np.floor(x)
+        return x - float(np.floor(x))
     return min(max(x, 0.0), 1.0)
 
 
@@ -45,19 +45,19 @@ def sample_texture(textures: Any, texels: Any, texture: int, wrap: int, filterin
     u, v
         Texture coordinates, finite.
     """
-    offset = np.int64(textures[N_TEXTURE * texture + TEXTURE_OFFSET])
-    width = np.int64(textures[N_TEXTURE * texture + TEXTURE_WIDTH])
-    height = np.int64(textures[N_TEXTURE * texture + TEXTURE_HEIGHT])
+    offset = int64(textures[N_TEXTURE * texture + TEXTURE_OFFSET])
+    width = int64(textures[N_TEXTURE * texture + TEXTURE_WIDTH])
+    height = int64(textures[N_TEXTURE * texture + TEXTURE_HEIGHT])
     x = wrap_coordinate(u, wrap) * width
     y = wrap_coordinate(1.0 - v, wrap) * height
     if filtering != FILTER_BILINEAR:
-        column = wrap_index(np.int64(x), width, wrap)
-        row = wrap_index(np.int64(y), height, wrap)
+        column = wrap_index(int64(x), width, wrap)
+        row = wrap_index(int64(y), height, wrap)
         return at(texels, 3 * (offset + row * width + column))
     x -= 0.5
     y -= 0.5
-    left = np.int64(np.floor(x))
-    top = np.int64(np.floor(y))
+    left = int64(np.floor(x))
+    top = int64(np.floor(y))
     fx = x - left
     fy = y - top
     column0 = wrap_index(left, width, wrap)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.tracer.accel.meshes import icosphere, scene_of
 
+from tests.tracer.accel.meshes import icosphere, scene_of
 from tracer.accel import build_bvh
 from tracer.accel.build import MAX_DEPTH, MAX_LEAF, shape_bounds
 from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_DISK, SHAPE_SPHERE

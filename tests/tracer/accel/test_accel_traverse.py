@@ -5,8 +5,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from tests.tracer.accel.meshes import icosphere, scene_of, trace_brute
 
+from tests.tracer.accel.meshes import icosphere, scene_of, trace_brute
 from tracer.accel.query import find_closest, find_transmittance
 from tracer.accel.traverse import enter_box, make_slabs
 from tracer.jit import kernel, pointer
@@ -55,9 +55,7 @@ def test_axis_aligned_rays_in_face_planes_of_a_grid():
     for axis in range(3):
         for side in (0.0, 1.0):
             start = len(vertices)
-            for x in grid:
-                for y in grid:
-                    vertices.append(np.roll([x, y, side], axis))
+            vertices += [np.roll([x, y, side], axis) for x in grid for y in grid]
             for i in range(n):
                 for j in range(n):
                     k = start + i * (n + 1) + j
@@ -170,7 +168,9 @@ def test_empty_scene():
     scene = scene_of(np.zeros((0, 3)), np.zeros((0, 3)))
     hits = closest(scene, np.zeros((1, 3)), np.ones((1, 3)))
     assert hits.primitive[0] == -1
-    assert find_transmittance(scene, np.zeros((1, 3)), np.ones((1, 3)), np.ones(1), np.full(1, -1)).tolist() == [[1, 1, 1]]
+    assert find_transmittance(scene, np.zeros((1, 3)), np.ones((1, 3)), np.ones(1), np.full(1, -1)).tolist() == [
+        [1, 1, 1]
+    ]
 
 
 def test_transmittance_multiplies_kt_of_all_crossings():

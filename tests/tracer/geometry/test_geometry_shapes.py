@@ -156,7 +156,9 @@ def test_world_points_lie_on_the_surface_within_their_error(kind):
             assert math.hypot(*facts.normal) == pytest.approx(1.0, abs=1e-15)
             # distance from the exact local surface, carried to the world: below the bound along the normal
             inverse = mpmath.matrix(to_world.reshape(3, 3).tolist()) ** -1
-            local = inverse * mpmath.matrix([mpmath.mpf(p) - mpmath.mpf(c) for p, c in zip(facts.position, origin, strict=True)])
+            local = inverse * mpmath.matrix(
+                [mpmath.mpf(p) - mpmath.mpf(c) for p, c in zip(facts.position, origin, strict=True)]
+            )
             x, y, z = local
             radius = mpmath.sqrt(x * x + y * y)
             off = {
@@ -224,7 +226,9 @@ def test_plane():
         )
         assert abs(t / exact - 1) < 1e-12
         facts = locate_on_plane(Vec3(*q), Vec3(*n), uv, np.int64(0), Vec3(*o), Vec3(*d), t)
-        off = abs(sum((mpmath.mpf(a) - mpmath.mpf(b)) * mpmath.mpf(c) for a, b, c in zip(facts.position, q, n, strict=True)))
+        off = abs(
+            sum((mpmath.mpf(a) - mpmath.mpf(b)) * mpmath.mpf(c) for a, b, c in zip(facts.position, q, n, strict=True))
+        )
         assert off <= float(np.abs(n) @ np.array(facts.error))
         assert (facts.u, facts.v) == pytest.approx((facts.position.x - 5.0, facts.position.y + 4.0), abs=1e-12)
 
@@ -232,7 +236,9 @@ def test_plane():
 def test_points_on_triangles_lie_in_their_plane_within_the_error():
     rng = np.random.default_rng(10)
     for _ in range(300):
-        p = rng.standard_normal((3, 3)) * 10.0 ** rng.uniform(-6, 6) + rng.standard_normal(3) * 10.0 ** rng.uniform(-6, 6)
+        p = rng.standard_normal((3, 3)) * 10.0 ** rng.uniform(-6, 6) + rng.standard_normal(3) * 10.0 ** rng.uniform(
+            -6, 6
+        )
         b1, b2 = rng.dirichlet([1, 1, 1])[:2]
         facts = locate_on_triangle(p.ravel(), np.int64(0), np.int64(1), np.int64(2), b1, b2)
         m = mpmath.matrix(p.tolist())

@@ -77,7 +77,7 @@ def _stand_in(monkeypatch, tmp_path, body):
     [
         ("def load_obj(f, d): import os; os._exit(3)", "ended the loader (exit code 3)"),
         ("def load_obj(f, d): import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended the loader (SIGSEGV)"),
-        ("def load_obj(f, d): return bytearray(1 << 40)", "takes more than 6144 MiB of memory"),
+        ("def load_obj(f, d): return bytearray(7 << 30)", "takes more than 6144 MiB of memory"),
         ("def load_obj(f, d): raise RecursionError('deep')", "cannot be read as .obj (RecursionError: deep)"),
         ("def load_obj(f, d): import socket; socket.create_connection(('127.0.0.1', 9))", "PermissionError"),
         ("def load_obj(f, d): import subprocess; subprocess.run(['true'])", "PermissionError"),

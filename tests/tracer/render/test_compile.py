@@ -336,11 +336,11 @@ def test_leaving_the_range_of_coordinates_is_a_fault(thing):
     assert caught.value.faults[0].pointer == "/objects/1/transform"
 
 
-@pytest.mark.parametrize("scale", [1e-25, 1e25])
-def test_extreme_scales_stay_finite(scale):
+@pytest.mark.parametrize("scales", [[1e-25], [1e25], [1e-25] * 5])
+def test_extreme_scales_stay_finite(scales):
     thing = {"type": "cylinder", "start": [0, 1, 0], "end": [1, 2, 3], "radius": 0.5}
     mesh = {**TRIANGLE, "normals": [[0, 0, 1]] * 3}
-    transform = [{"type": "scale", "by": [scale, scale, scale]}]
+    transform = [{"type": "scale", "by": scale} for scale in scales]
     scene, _ = compiled({**thing, "transform": transform}, {**mesh, "transform": transform})
     assert np.allclose(scene.shape_to_local[0] @ scene.shape_to_world[0], np.eye(3))
     for array in scene:

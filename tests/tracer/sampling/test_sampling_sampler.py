@@ -27,7 +27,7 @@ def test_in_the_unit_square(sampler, n):
 
 @pytest.mark.parametrize("sampler", ALL)
 def test_every_argument_counts(sampler):
-    base = dict(seed=1, px=3, py=5, sample=2, n_samples=16, dimension=0)
+    base = {"seed": 1, "px": 3, "py": 5, "sample": 2, "n_samples": 16, "dimension": 0}
     first = sample_2d(sampler, *base.values())
     assert sample_2d(sampler, *base.values()) == first
     for name in ("seed", "px", "py", "sample", "dimension"):
@@ -95,7 +95,9 @@ def test_reverse_bits():
 def test_permutations_are_permutations(length):
     seen = set()
     for key in range(20):
-        image = [int(permute(np.uint64(i), np.uint64(length), np.uint64(hash_word(np.uint64(key))))) for i in range(length)]
+        image = [
+            int(permute(np.uint64(i), np.uint64(length), np.uint64(hash_word(np.uint64(key))))) for i in range(length)
+        ]
         assert sorted(image) == list(range(length))
         seen.add(tuple(image))
     assert len(seen) > min(15, length) // 2
@@ -130,7 +132,9 @@ def rms_error(sampler, n, pixels=200):
     return np.sqrt(np.mean([(f(points(sampler, n, px=px)).mean() - exact) ** 2 for px in range(pixels)]))
 
 
-@pytest.mark.parametrize(("sampler", "slope"), [(SAMPLER_INDEPENDENT, -0.5), (SAMPLER_STRATIFIED, -1.0), (SAMPLER_SOBOL, -1.5)])
+@pytest.mark.parametrize(
+    ("sampler", "slope"), [(SAMPLER_INDEPENDENT, -0.5), (SAMPLER_STRATIFIED, -1.0), (SAMPLER_SOBOL, -1.5)]
+)
 def test_convergence(sampler, slope):
     """Error against samples: N^-1/2 at random, N^-1 stratified, N^-3/2 scrambled Sobol (a wrong dimension stalls)."""
     measured = np.log2(rms_error(sampler, 256) / rms_error(sampler, 16)) / 4.0

@@ -67,11 +67,11 @@ def test_specular_power_is_accurate(exponent):
 def test_half_vector_is_equation_16():
     rng = np.random.default_rng(2)
     for _ in range(100):
-        v, l = unit(rng), unit(rng)
-        h = phong.half_vector(l, v)
+        v, to_light = unit(rng), unit(rng)
+        h = phong.half_vector(to_light, v)
         assert length(h) == pytest.approx(1.0, abs=4e-15)
-        assert dot(h, l) == pytest.approx(dot(h, v), abs=1e-14)
-        assert dot(h, l) >= 0.0
+        assert dot(h, to_light) == pytest.approx(dot(h, v), abs=1e-14)
+        assert dot(h, to_light) >= 0.0
     v = unit(rng)
     assert tuple(phong.half_vector(Vec3(-v.x, -v.y, -v.z), v)) == (0.0, 0.0, 0.0)
 

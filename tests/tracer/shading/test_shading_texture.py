@@ -42,7 +42,9 @@ def test_bilinear_across_the_seam():
     assert edge == pytest.approx(IMAGE[0, 0], abs=1e-12)
 
 
-@pytest.mark.parametrize(("u", "v", "row", "column"), [(-3.0, 9.0, 0, 0), (5.0, -1.0, 2, 3), (1.0, 1.0, 0, 3), (0.0, 0.0, 2, 0)])
+@pytest.mark.parametrize(
+    ("u", "v", "row", "column"), [(-3.0, 9.0, 0, 0), (5.0, -1.0, 2, 3), (1.0, 1.0, 0, 3), (0.0, 0.0, 2, 0)]
+)
 @pytest.mark.parametrize("filtering", [FILTER_NEAREST, FILTER_BILINEAR])
 def test_clamp(u, v, row, column, filtering):
     assert look_up(u, v, WRAP_CLAMP, filtering) == pytest.approx(IMAGE[row, column], abs=1e-12)
