@@ -1,8 +1,8 @@
 """The slab test of a node: both children's boxes at once, in four lanes.
 
-A box's interval is [max near, min far]. With the far parameters negated all four lanes (near 0, near 1, far 0, far 1) take
-the same steps: subtract, multiply, keep the larger. A comparison with NaN is False, so a plane across which the ray
-does not move and in which it starts leaves the interval as it is.
+A box's interval is [max near, min far]. With the far parameters negated all four lanes (near 0, near 1, far 0, far
+1) take the same steps: subtract, multiply, keep the larger. A comparison with NaN is False, so a plane across which
+the ray does not move and in which it starts leaves the interval as it is.
 
 Sources: Kay and Kajiya 1986; Williams et al. 2005 (planes chosen by sign), with the NaN rule of ``accuracy.md``.
 """
@@ -80,7 +80,7 @@ def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
 if PLAIN_PYTHON:
 
     def _four_lanes(bounds: Any, node: Any, nears: Any, fars: Any, inverses: Any, signs: Any, end: Any) -> Any:
-        """Same as the compiled one, lane by lane."""
+        """Do the same as the compiled one, lane by lane."""
         best = [0.0, 0.0, -end, -end]
         for axis in range(3):
             for lane in range(4):
@@ -94,7 +94,7 @@ else:
 
     @numba.extending.intrinsic
     def _four_lanes(
-        _context: Any, bounds: Any, node: Any, nears: Any, fars: Any, inverses: Any, signs: Any, end: Any
+        _context: Any, bounds: Any, _node: Any, _nears: Any, _fars: Any, _inverses: Any, signs: Any, _end: Any
     ) -> Any:
         """Spans of both boxes of a node, as (near 0, near 1, far 0, far 1), in explicit vector instructions."""
 
@@ -129,9 +129,10 @@ else:
             spans = [values[0], values[1], builder.fneg(values[2]), builder.fneg(values[3])]
             return context.make_tuple(builder, signature.return_type, spans)
 
-        real = numba.types.float64
-        arguments = (bounds, numba.types.int64, *(numba.types.UniTuple(real, 3),) * 3, signs, real)
-        return numba.types.UniTuple(real, 4)(*arguments), generate
+        types: Any = numba.types
+        three = types.UniTuple(types.float64, 3)
+        arguments = (bounds, types.int64, three, three, three, signs, types.float64)
+        return types.UniTuple(types.float64, 4)(*arguments), generate
 
 
 @inline

@@ -9,7 +9,8 @@ q negates every one of these decisions, hence parity holds over closed meshes. A
 and is never hit.
 
 Departs from [farmer2019 eq. 3-8] (Cramer's rule), which loses rays at edges: 19,447 of 200,000 aimed at them.
-Sources: Woop, Benthin and Wald 2013 (shear); Dekker 1971, Shewchuk 1997 (residues); Edelsbrunner and Muecke 1990 (ties).
+Sources: Woop, Benthin and Wald 2013 (shear); Dekker 1971, Shewchuk 1997 (residues); Edelsbrunner and Muecke 1990
+(ties).
 
 Names: (x, y, z) sheared coordinates of vertices A, B, C; U, V, W the edge functions, which weight A, B, C.
 """
