@@ -32,9 +32,7 @@ def main() -> None:
     seconds = []
     for _ in range(options.runs):
         start = time.thread_time()
-        film = get_backend().render(
-            compiled, chosen, (0, int(compiled.settings[SETTING_SAMPLES])), np.zeros(1, np.int64)
-        )
+        film = get_backend().render(compiled, chosen, samples, np.zeros(1, np.int64))
         seconds.append(time.thread_time() - start)
     best = min(seconds)
     counters = dict(zip(COUNTERS, film.counters.tolist(), strict=True))
