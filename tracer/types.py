@@ -193,7 +193,8 @@ class CompiledScene(NamedTuple):
     lights: NDArray[np.float64]  # (n_lights, N_LIGHT) LIGHT_*
     light_kind: NDArray[np.int32]  # (n_lights,) LIGHT_KIND_*
 
-    bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per child x_lo x_hi y_lo y_hi z_lo z_hi; root is node 0
+    bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the
+    #                                    root is node 0
     bvh_children: NDArray[np.int32]  # (n_nodes, 4) per child (index, count): count 0: node `index`; count > 0: leaf of
     #                                    slots index .. index + count; count -1: nothing there
     bvh_slots: NDArray[np.int32]  # (nt + ns,) primitive id by slot

@@ -28,6 +28,7 @@ from worker import contract, files, jobs
 from worker.contract import PREVIEW_PNG, REPORT, RESULT_EXR, RESULT_PNG
 from worker.errors import FarmError, IllegalTransitionError, JobNotFoundError, QueueError, StoreFullError
 from worker.grid import grid_of
+from worker.leases import count_fault
 from worker.queue import Queue
 from worker.records import problem
 from worker.report import TileTotals, build_report, summarize
@@ -272,8 +273,10 @@ class Assembler:
         """Have a damaged tile rendered again."""
         job_id, tile = assembly.job_id, assembly.next_tile
         log.warning("tile damaged", job=job_id, tile=tile, error=str(error))
-        damages = self._queue.count_fault(job_id, tile, "error")
-        self._store.note(job_id, "tile_error", by=self._owner, detail={"tile": tile, "error": str(error)})
+        damages = count_fault(self._store, self._queue, job_id, tile, "error", by=self._owner, error=str(error))
+        if damages is None:
+            self._drop(job_id)
+            return
         if damages >= contract.MAX_TILE_ERRORS:
             self._drop(job_id)
             self._fail(

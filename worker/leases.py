@@ -6,6 +6,7 @@ doing this twice costs a hint.
 """
 
 from contextlib import suppress
+from typing import Any
 
 import structlog
 
@@ -23,6 +24,30 @@ log = structlog.get_logger()
 def reproduce_line(job_id: str, tile: int | None) -> str:
     """Return the command that does again, alone and in the foreground, what failed."""
     return f"python -m worker.main tile {job_id}" + ("" if tile is None else f" {tile}")
+
+
+def count_fault(
+    store: Store, queue: Queue, job_id: str, tile: int | None, kind: str, *, by: str, **detail: Any
+) -> int | None:
+    """Count one more "error" or "loss" of a tile (None: the preparation), and note it in the job's history.
+
+    Returns
+    -------
+    int or None
+        How many there were; None if the job has ended meanwhile. Its counts are then removed again: whoever ended it
+        did so before this one was counted, and would have left it behind.
+    """
+    count = queue.count_fault(job_id, tile, kind)
+    names = {"error": "errors", "loss": "losses"}
+    body = {"tile": tile, **detail, names[kind]: count}
+    try:
+        event = store.note(job_id, "tile_error" if kind == "error" else "tile_lost", by=by, detail=body)
+    except JobNotFoundError:
+        event = None
+    if event is None:
+        queue.forget_job(job_id)
+        return None
+    return count
 
 
 def lease_lost(store: Store, queue: Queue, worker: str, job_id: str, tile: int | None, *, by: str) -> None:
@@ -48,8 +73,9 @@ def lease_lost(store: Store, queue: Queue, worker: str, job_id: str, tile: int |
             if queue.stop_job(job_id) == 0:
                 jobs.finish_cancel(store, queue, job_id, by=by)
             return
-        losses = queue.count_fault(job_id, tile, "loss")
-        store.note(job_id, "tile_lost", by=by, detail={"worker": worker, "tile": tile, "losses": losses})
+        losses = count_fault(store, queue, job_id, tile, "loss", by=by, worker=worker)
+        if losses is None:
+            return
         if losses >= MAX_TILE_LOSSES:
             what = "the preparation" if tile is None else f"tile {tile}"
             jobs.fail(

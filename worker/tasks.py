@@ -25,14 +25,13 @@ from worker.backends import CanceledError, SceneFaultError
 from worker.context import Prepared, WorkerContext
 from worker.errors import (
     AssetNotFoundError,
-    FarmError,
     IllegalTransitionError,
     JobNotFoundError,
     QueueError,
     StoreFullError,
 )
 from worker.grid import grid_of
-from worker.leases import reproduce_line
+from worker.leases import count_fault, reproduce_line
 from worker.records import JobRecord, problem
 from worker.states import JobState
 
@@ -283,10 +282,11 @@ def _count_error(context: WorkerContext, job_id: str, tile: int | None, error: E
     """See to a tile (None: the preparation) that raised; True if that was the last time for the job."""
     log.error("tile failed" if tile is not None else "preparation failed", job=job_id, tile=tile, exc_info=error)
     store, queue = context.store, context.queue
-    errors = queue.count_fault(job_id, tile, "error")
     text = f"{type(error).__name__}: {error}"[:2000]
-    with suppress(FarmError):
-        store.note(job_id, "tile_error", by=context.name, detail={"tile": tile, "error": text, "errors": errors})
+    errors = count_fault(store, queue, job_id, tile, "error", by=context.name, error=text)
+    if errors is None:
+        context.release()
+        return True
     if errors >= contract.MAX_TILE_ERRORS:
         what = "preparing the scene" if tile is None else f"tile {tile}"
         kind, title = "tile-failed", "A part of the picture cannot be rendered"

@@ -83,7 +83,8 @@ class RealFarm:
 def running_farm(folder: Path, **settings: Any) -> Iterator[RealFarm]:
     """Start a farm and end it."""
     options: dict[str, Any] = {"workers": 2, "api": False, "backend": "fake", "nice": 0, **settings}
-    log_file = folder / "farm.log"
-    configured = FarmSettings(store=folder / "store", cache=folder / "cache", log_file=log_file, **options)
+    if options["backend"] == "fake":
+        options["cache"] = folder / "cache"  # the real one keeps this host's: its kernels are compiled there
+    configured = FarmSettings(store=folder / "store", log_file=folder / "farm.log", **options)
     with Supervisor(configured) as supervisor:
         yield RealFarm(supervisor)

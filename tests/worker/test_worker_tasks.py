@@ -126,6 +126,23 @@ def test_tile_that_raises_fails_the_job_and_is_named(farm: SmallFarm):
     assert farm.queue.leases() == {}
 
 
+def test_fault_that_is_counted_after_the_end_leaves_nothing(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """Two workers fail the same job: the slower one counts after the faster one has ended it and cleaned up."""
+    job_id = farm.submit("fake fail_tile=0", width=16, height=16)
+    real = farm.queue.count_fault
+
+    def slow(*arguments: object) -> int:
+        if real(*arguments) == 1:
+            jobs.fail(farm.store, farm.queue, job_id, {"type": "x"}, by="faster")
+        return real(*arguments)
+
+    monkeypatch.setattr(farm.queue, "count_fault", slow)
+    tasks.prepare(farm.worker(), job_id)
+    assert farm.state(job_id) == "failed"
+    assert farm.queue.redis.keys("sm:f:*") == []
+    assert farm.queue.leases() == {}
+
+
 def test_tile_that_raises_once_is_rendered(farm: SmallFarm, tmp_path: Path):
     job_id = farm.submit(f"fake flaky={tmp_path / 'flag'}", width=64, height=32)
     tasks.prepare(farm.worker(), job_id)

@@ -173,8 +173,8 @@ def _build(
                     low[j] = min(low[j], bounds[ids[k], j])
                     high[j] = max(high[j], bounds[ids[k], 3 + j])
             for j in range(3):
-                node_bounds[node, 6 * child + 2 * j] = low[j]
-                node_bounds[node, 6 * child + 2 * j + 1] = high[j]
+                node_bounds[node, 4 * j + child] = low[j]
+                node_bounds[node, 4 * j + 2 + child] = high[j]
             # Leave the range a leaf when it is small and splitting it would not pay.
             leaf = count <= 1
             if 1 < count <= MAX_LEAF:

@@ -3,51 +3,26 @@
 Invariants
 ----------
 * The closest hit is the least (t, id) over all primitives with 0 < t, whatever the order of traversal: boxes are
-  only left out when they begin beyond the best t, and their test is conservative.
-* The slab test picks planes by the direction's sign and skips NaN (an origin in a face of the box, no motion across
-  it), so axis-aligned rays and flat boxes lose nothing.
+  only left out when they begin beyond the best t, and their test (:mod:`tracer.accel.boxes`) is conservative.
 * A ray that is not finite or has no direction misses at once.
 
-Sources: Kay and Kajiya 1986; Pharr et al. 6.8.2; Williams et al. 2005 (signs), with the NaN rule of ``accuracy.md``.
+Source: Pharr et al., "Physically Based Rendering" 7.3 (ordered traversal with a stack).
 """
 
 import math
 from typing import Any, Final, NamedTuple
 
+from tracer.accel.boxes import enter_children, make_slabs
 from tracer.geometry.quadric import Crossings
-from tracer.geometry.rounding import EPSILON, gamma
 from tracer.geometry.shapes import cross_plane, cross_shape, transform
 from tracer.geometry.triangle import Shear, intersect_triangle, shear_ray
 from tracer.geometry.vector import at, subtract
 from tracer.jit import inline, int64
 from tracer.types import MATERIAL_KT, N_MATERIAL, SceneView, Vec3
 
-# Roundings that the padding of boxes covers, as a multiple of eps times the distance from the origin to the
-# farthest corner of the scene: 3 in each of two slab parameters and 2 in their pads, 5 in the shear of a vertex
-# (coordinate difference, slope, product, sum, and the slope again along z), the rest for the affine maps of shapes.
-# It is 1e-14 of the scene: no box is visited for it.
-_PAD: Final = gamma(64)
-
 # A direction below this is none. A component whose inverse overflows is then smaller than the largest one by
 # 2^-120, so what it moves within the scene is far below the padding.
 _SHORTEST: Final = 2.0**-900
-
-
-class Slabs(NamedTuple):
-    """A ray as boxes see it: padded origins for near and far planes, inverse direction, 1 where it is negative."""
-
-    near_x: float
-    near_y: float
-    near_z: float
-    far_x: float
-    far_y: float
-    far_z: float
-    inverse_x: float
-    inverse_y: float
-    inverse_z: float
-    sign_x: int
-    sign_y: int
-    sign_z: int
 
 
 class Hit(NamedTuple):
@@ -65,60 +40,6 @@ def is_valid_ray(o: Vec3, d: Vec3) -> bool:
     """Tell whether a ray has a finite origin and a finite direction of some length."""
     size = abs(d.x) + abs(d.y) + abs(d.z)
     return _SHORTEST < size < math.inf and abs(o.x) + abs(o.y) + abs(o.z) < math.inf
-
-
-@inline
-def make_slabs(root: Any, o: Vec3, d: Vec3) -> Slabs:
-    """Prepare a ray for the boxes of a scene with bounds ``root`` (flat: lower, upper corner)."""
-    reach_x = max(abs(root[0] - o.x), abs(root[3] - o.x))
-    reach_y = max(abs(root[1] - o.y), abs(root[4] - o.y))
-    reach_z = max(abs(root[2] - o.z), abs(root[5] - o.z))
-    pad = _PAD * max(reach_x, reach_y, reach_z)
-    # 2 eps |o| more, or the sum's own rounding would swallow the padding far from the world's origin.
-    pad_x = math.copysign(pad + 2.0 * EPSILON * abs(o.x), d.x)
-    pad_y = math.copysign(pad + 2.0 * EPSILON * abs(o.y), d.y)
-    pad_z = math.copysign(pad + 2.0 * EPSILON * abs(o.z), d.z)
-    return Slabs(
-        o.x + pad_x,
-        o.y + pad_y,
-        o.z + pad_z,
-        o.x - pad_x,
-        o.y - pad_y,
-        o.z - pad_z,
-        1.0 / d.x,
-        1.0 / d.y,
-        1.0 / d.z,
-        0 if math.copysign(1.0, d.x) > 0.0 else 1,
-        0 if math.copysign(1.0, d.y) > 0.0 else 1,
-        0 if math.copysign(1.0, d.z) > 0.0 else 1,
-    )
-
-
-@inline
-def enter_box(bounds: Any, i: int, ray: Slabs, t_max: float) -> float:
-    """Ray parameter (>= 0) at which a padded box is entered, NaN when it is missed or begins beyond ``t_max``.
-
-    Parameters
-    ----------
-    bounds : flat float64
-        x_lo x_hi y_lo y_hi z_lo z_hi from ``bounds[i]`` on.
-    """
-    near = 0.0
-    far = t_max
-    # `if x > near` is False for NaN: such a plane does not bound the ray.
-    t = (bounds[i + ray.sign_x] - ray.near_x) * ray.inverse_x
-    near = t if t > near else near  # noqa: FURB136 - max() has no defined NaN rule
-    t = (bounds[i + 1 - ray.sign_x] - ray.far_x) * ray.inverse_x
-    far = t if t < far else far  # noqa: FURB136
-    t = (bounds[i + 2 + ray.sign_y] - ray.near_y) * ray.inverse_y
-    near = t if t > near else near  # noqa: FURB136
-    t = (bounds[i + 3 - ray.sign_y] - ray.far_y) * ray.inverse_y
-    far = t if t < far else far  # noqa: FURB136
-    t = (bounds[i + 4 + ray.sign_z] - ray.near_z) * ray.inverse_z
-    near = t if t > near else near  # noqa: FURB136
-    t = (bounds[i + 5 - ray.sign_z] - ray.far_z) * ray.inverse_z
-    far = t if t < far else far  # noqa: FURB136
-    return near if near <= far else math.nan
 
 
 @inline
@@ -173,20 +94,18 @@ def closest_hit(view: SceneView, o: Vec3, d: Vec3, skip: int, stack: Any, stack_
     while True:
         if count == 0:
             # Test both children; go on with the nearer one and keep the other.
-            i = 12 * node
-            t0 = enter_box(view.bvh_bounds, i, slabs, best_t)
-            t1 = enter_box(view.bvh_bounds, i + 6, slabs, best_t)
+            spans = enter_children(view.bvh_bounds, node, slabs, best_t)
             j = 4 * node
-            hit0 = t0 >= 0.0
-            hit1 = t1 >= 0.0
+            hit0 = spans.near0 <= spans.far0
+            hit1 = spans.near1 <= spans.far1
             if hit0 and hit1:
-                if t1 < t0:
+                if spans.near1 < spans.near0:
                     stack[top] = (int64(view.bvh_children[j]) << 32) | view.bvh_children[j + 1]
-                    stack_t[top] = t0
+                    stack_t[top] = spans.near0
                     j += 2
                 else:
                     stack[top] = (int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
-                    stack_t[top] = t1
+                    stack_t[top] = spans.near1
                 top += 1
                 node = int64(view.bvh_children[j])
                 count = int64(view.bvh_children[j + 1])
@@ -300,11 +219,10 @@ def transmit(view: SceneView, o: Vec3, d: Vec3, t_max: float, skip: int, occlude
     count = int64(0)
     while True:
         if count == 0:
-            i = 12 * node
-            hit0 = enter_box(view.bvh_bounds, i, slabs, t_max) >= 0.0
-            hit1 = enter_box(view.bvh_bounds, i + 6, slabs, t_max) >= 0.0
+            spans = enter_children(view.bvh_bounds, node, slabs, t_max)
             j = 4 * node
-            if hit0:
+            hit1 = spans.near1 <= spans.far1
+            if spans.near0 <= spans.far0:
                 if hit1:
                     stack[top] = (int64(view.bvh_children[j + 2]) << 32) | view.bvh_children[j + 3]
                     top += 1

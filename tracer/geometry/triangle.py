@@ -2,13 +2,15 @@
 
 Each vertex is sheared into the ray's frame (origin at 0, direction along +z) by operations that depend on ray and
 vertex alone, so neighbours agree on it bit for bit. On those float64 numbers the sign of each edge function
-x_p y_q - y_p x_q is exact: Shewchuk's filter first, the exact residues of the products where it cannot decide, and
-where the product is exactly zero the ray is moved to (delta, delta^2) in thought (simulation of simplicity).
-Swapping p and q negates every one of these decisions, hence parity holds over closed meshes. A degenerate triangle
-has no interior and is never hit.
+x_p y_q - y_p x_q is exact. Rounding is monotone, so the two rounded products compare as the exact ones do unless they
+are equal (no error bound is needed, as it would be were p and q differences); then their exact residues decide, and
+where those are equal, too, the ray is moved to (delta, delta^2) in thought (simulation of simplicity). Swapping p and
+q negates every one of these decisions, hence parity holds over closed meshes. A degenerate triangle has no interior
+and is never hit.
 
 Departs from [farmer2019 eq. 3-8] (Cramer's rule), which loses rays at edges: 19,447 of 200,000 aimed at them.
-Sources: Woop, Benthin and Wald 2013 (shear); Shewchuk 1997 (filter, expansions); Edelsbrunner and Muecke 1990 (ties).
+Sources: Woop, Benthin and Wald 2013 (shear); Dekker 1971, Shewchuk 1997 (residues); Edelsbrunner and Muecke 1990
+(ties).
 
 Names: (x, y, z) sheared coordinates of vertices A, B, C; U, V, W the edge functions, which weight A, B, C.
 """
@@ -16,12 +18,10 @@ Names: (x, y, z) sheared coordinates of vertices A, B, C; U, V, W the edge funct
 import math
 from typing import Any, Final, NamedTuple
 
-from tracer.geometry.rounding import EPSILON, two_difference, two_product
+from tracer.geometry.rounding import two_difference, two_product
 from tracer.jit import inline, kernel
 from tracer.types import Vec3
 
-# |fl(l - r)| above this times (|l| + |r|) has the right sign (Shewchuk's ccwerrboundA).
-_CERTAIN: Final = (3.0 + 16.0 * EPSILON) * EPSILON
 # The plain depth errs by up to 2 eps sum(|l| + |r|) / |U + V + W| of the depth's spread; it is kept while that is below
 # 16 eps of the largest depth, hence a ratio of 8.
 _PLAIN_DEPTH: Final = 8.0
@@ -118,7 +118,7 @@ def edge_sign(px: float, py: float, qx: float, qy: float) -> int:
 
 @kernel
 def _finish(a: Vec3, b: Vec3, c: Vec3, sz: float) -> TriangleHit:
-    """Decide and measure exactly where the filter cannot."""
+    """Decide and measure exactly, where plain arithmetic cannot."""
     sign_a = edge_sign(c.x, c.y, b.x, b.y)
     if sign_a == 0 or sign_a != edge_sign(a.x, a.y, c.x, c.y) or sign_a != edge_sign(b.x, b.y, a.x, a.y):
         return TriangleHit(math.nan, 0.0, 0.0)
@@ -162,18 +162,12 @@ def intersect_sheared(a: Vec3, b: Vec3, c: Vec3, sz: float) -> TriangleHit:
     u = u_left - u_right
     v = v_left - v_right
     w = w_left - w_right
-    u_size = abs(u_left) + abs(u_right)
-    v_size = abs(v_left) + abs(v_right)
-    w_size = abs(w_left) + abs(w_right)
-    u_bound = _CERTAIN * u_size
-    v_bound = _CERTAIN * v_size
-    w_bound = _CERTAIN * w_size
-    # Leave when two signs are certain and differ: almost every triangle tested.
-    positive = (u > u_bound) | (v > v_bound) | (w > w_bound)
-    negative = (u < -u_bound) | (v < -v_bound) | (w < -w_bound)
+    # Leave when two signs differ: almost every triangle tested.
+    positive = (u > 0.0) | (v > 0.0) | (w > 0.0)
+    negative = (u < 0.0) | (v < 0.0) | (w < 0.0)
     if positive & negative:
         return TriangleHit(math.nan, 0.0, 0.0)
-    if (abs(u) <= u_bound) | (abs(v) <= v_bound) | (abs(w) <= w_bound):
+    if (u == 0.0) | (v == 0.0) | (w == 0.0):
         return _finish(a, b, c, sz)
     # Interpolate the depth, clamped to the vertices'.
     ta = sz * a.z
@@ -182,7 +176,8 @@ def intersect_sheared(a: Vec3, b: Vec3, c: Vec3, sz: float) -> TriangleHit:
     low = min(ta, tb, tc)
     high = max(ta, tb, tc)
     determinant = u + v + w
-    if (u_size + v_size + w_size) * (high - low) > _PLAIN_DEPTH * abs(determinant) * max(abs(low), abs(high)):
+    size = abs(u_left) + abs(u_right) + abs(v_left) + abs(v_right) + abs(w_left) + abs(w_right)
+    if size * (high - low) > _PLAIN_DEPTH * abs(determinant) * max(abs(low), abs(high)):
         return _finish(a, b, c, sz)
     inverse = 1.0 / determinant
     t = (u * ta + v * tb + w * tc) * inverse

@@ -25,7 +25,7 @@ def check(bvh, vertices, faces):
         deepest = max(deepest, depth)
         for child in range(2):
             index, count = bvh.bvh_children[node, 2 * child : 2 * child + 2]
-            box = bvh.bvh_bounds[node, 6 * child : 6 * child + 6].reshape(3, 2)
+            box = bvh.bvh_bounds[node].reshape(3, 2, 2)[:, :, child]
             if count < 0:
                 assert (box[:, 0] > box[:, 1]).all()
                 continue
@@ -36,8 +36,8 @@ def check(bvh, vertices, faces):
                 seen += ids.tolist()
                 below_low, below_high = low[ids].min(axis=0), high[ids].max(axis=0)
             else:
-                boxes = bvh.bvh_bounds[index].reshape(2, 3, 2)
-                below_low, below_high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
+                boxes = bvh.bvh_bounds[index].reshape(3, 2, 2)
+                below_low, below_high = boxes[:, 0].min(axis=1), boxes[:, 1].max(axis=1)
                 pending.append((int(index), depth + 1))
             np.testing.assert_array_equal(box, np.stack([below_low, below_high], axis=1))
     assert sorted(seen) == list(range(len(faces)))

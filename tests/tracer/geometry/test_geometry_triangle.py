@@ -79,6 +79,30 @@ def random_triangles(rng, n):
         yield [tuple(map(float, corner)) for corner in corners]
 
 
+def slivers(rng, n):
+    """Triangles 1e-16 to 1e-10 wide about a line through the ray, whose corners differ in depth."""
+    for _ in range(n):
+        angle = rng.random() * 2 * np.pi
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        place = np.array([-1.0, 1.0, rng.uniform(-1, 1)]) * rng.random(3)
+        width = rng.choice([-1, 1], 3) * 10.0 ** rng.uniform(-16, -10, 3)
+        flat = np.outer(place, along) + np.outer(width, across)
+        yield [(*map(float, p), float(z)) for p, z in zip(flat, rng.uniform(1, 3, 3), strict=True)]
+
+
+def test_depth_of_slivers():
+    rng = np.random.default_rng(15)
+    n_hits = 0
+    for a, b, c in slivers(rng, 4000):
+        found, exact = intersect_sheared(Vec3(*a), Vec3(*b), Vec3(*c), 1.0), exact_hit(a, b, c, 1.0)
+        assert math.isnan(found.t) == (exact is None)
+        if exact is not None:
+            n_hits += 1
+            assert abs(Fraction(found.t) - exact[0]) <= 24 * Fraction(EPSILON) * 3
+            assert abs(Fraction(found.v) - exact[1]) <= 1e-6  # the weights of a sliver are worth less than its depth
+    assert n_hits > 500
+
+
 def test_hits_and_misses_are_exact():
     rng = np.random.default_rng(5)
     n_hits = 0
