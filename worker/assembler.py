@@ -6,9 +6,8 @@ result is committed before the state says so, and tiles are deleted only after t
 Source: service.md, "The house" of architecture.md; cgru and OpenCue users' complaint that assembly outlasts the render.
 """
 
-import secrets
+import os
 import shutil
-import socket
 import threading
 import time
 from contextlib import suppress
@@ -52,7 +51,7 @@ class Assembly:
     store, queue
         The farm.
     job_id
-        A job that has a plan.
+        A job that has a plan, and on which the caller has won the claim.
     owner
         Name of this assembler, for events.
     """
@@ -65,8 +64,9 @@ class Assembly:
         self._samples = self.record.samples
         self._totals = TileTotals()
         self._next = 0
-        self._folder = store.temporary / f"{_folder_prefix()}{job_id}-{secrets.token_hex(4)}"
-        self._folder.mkdir()
+        # The claim is ours, so whoever had one of these is dead or has lost the job.
+        store.delete_assemblies(job_id)
+        self._folder = store.assembly_folder(job_id)
         self._color_space = self.record.output["png_color_space"]
         self._writer: FilmWriter | None = None
         self._preview = Preview(
@@ -172,6 +172,14 @@ class Assembly:
         )
         jobs.clean_up(store, self._queue, job_id)
 
+    def touch(self) -> bool:
+        """Keep the working folder from being swept as abandoned; False if it is gone (this machine slept, perhaps)."""
+        try:
+            os.utime(self._folder)
+        except FileNotFoundError:
+            return False
+        return True
+
     def close(self) -> None:
         """Drop what is not committed."""
         if self._writer is not None:
@@ -217,12 +225,15 @@ class Assembler:
                 news |= self._poll()
             for job_id in sorted(news):
                 self.advance(job_id)
-        for assembly in self._assemblies.values():
-            assembly.close()
+        for job_id in list(self._assemblies):
+            self._drop(job_id)
 
     def _poll(self) -> set[str]:
-        """Renew our claims and return all jobs that might have news."""
+        """Keep our folders and return all jobs that might have news."""
         active = set(self._assemblies)
+        for job_id in active:
+            if not self._assemblies[job_id].touch():
+                self._drop(job_id)  # it begins anew
         with suppress(QueueError):
             active |= self._queue.active_jobs()
         return active
@@ -236,11 +247,9 @@ class Assembler:
         except QueueError as error:
             log.warning("queue away", error=str(error))
         except (StoreFullError, ImageWriteError) as error:
-            self._drop(job_id)
             log.exception("no place for the result", job=job_id)
             self._fail(job_id, problem("store-full", "The result could not be written", str(error)))
         except Exception as error:
-            self._drop(job_id)
             log.exception("assembly failed", job=job_id)
             self._fail(
                 job_id,
@@ -278,7 +287,6 @@ class Assembler:
             self._drop(job_id)
             return
         if damages >= contract.MAX_TILE_ERRORS:
-            self._drop(job_id)
             self._fail(
                 job_id, problem("tile-failed", "A part of the picture is damaged on disk", str(error), tile=tile)
             )
@@ -288,15 +296,23 @@ class Assembler:
         self._queue.enqueue_runs(job_id, assembly.record.priority)
 
     def _fail(self, job_id: str, body: dict[str, Any]) -> None:
+        """Fail a job, unless another assembler has it by now: then the error is ours, and none of the job's."""
+        self._close(job_id)  # first: the event may need the space
         with suppress(FarmError):
-            jobs.fail(self._store, self._queue, job_id, body, by=self._owner)
+            if self._queue.claim(job_id, self._owner):
+                jobs.fail(self._store, self._queue, job_id, body, by=self._owner)
+                self._queue.unclaim(job_id, self._owner)
 
     def _drop(self, job_id: str) -> None:
+        if self._close(job_id):
+            with suppress(QueueError):
+                self._queue.unclaim(job_id, self._owner)
+
+    def _close(self, job_id: str) -> bool:
         assembly = self._assemblies.pop(job_id, None)
         if assembly is not None:
             assembly.close()
-            with suppress(QueueError):
-                self._queue.unclaim(job_id, self._owner)
+        return assembly is not None
 
     def _listen(self) -> None:
         """Note which jobs have news; reconnect for ever."""
@@ -312,13 +328,3 @@ class Assembler:
             except (redis.RedisError, OSError) as error:
                 log.warning("wake-ups lost", error=str(error))
                 self._stopped.wait(0.25)
-
-
-def _folder_prefix() -> str:
-    return f"assembly-{socket.gethostname()}-"
-
-
-def sweep_assemblies(store: Store) -> None:
-    """Remove working folders that a killed assembler of this host left; call it before `Assembler.run`."""
-    for folder in store.temporary.glob(f"{_folder_prefix()}*"):
-        shutil.rmtree(folder, ignore_errors=True)

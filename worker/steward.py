@@ -188,6 +188,7 @@ class Steward:
         if is_indexed:
             self._queue.forget_job(job_id)
         self._store.delete_tiles(job_id)
+        self._store.delete_assemblies(job_id)
         self._ended.add(job_id)
 
     def _idle_workers(self) -> int:
