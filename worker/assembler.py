@@ -39,6 +39,9 @@ log = structlog.get_logger()
 
 # Looked at even without a wake-up: a lost message costs this much.
 _POLL_S = 1.0
+# How long a claim lasts. It is renewed at each look and with each row of tiles, so a row must fit, and the commit (two
+# files brought to a slow disk). Not longer: the jobs of a killed assembler wait this long for another.
+_CLAIM_MS = 10_000
 # A preview of 512 px costs about 10 ms: 0.5 % of a core.
 _PREVIEW_EVERY_S = 2.0
 
@@ -96,12 +99,18 @@ class Assembly:
                 data = self._store.read_tile(self.job_id, self._next)
             except FileNotFoundError:
                 break
+            if self._next % self._grid.columns == 0 and not self.renew():
+                break  # another assembler has the job; the next look tells
             self._take(data)
             self._next += 1
         if self._next > began:
             self._show()
         self._spent_s += time.perf_counter() - started
         return self._next > began
+
+    def renew(self) -> bool:
+        """Renew the claim on the job; False if it is lost."""
+        return self._queue.claim(self.job_id, self._owner, _CLAIM_MS)
 
     @property
     def next_tile(self) -> int:
@@ -148,8 +157,11 @@ class Assembly:
         """Write the rest, move the results into place, and end the job; safe to do again after a crash anywhere."""
         store, job_id = self._store, self.job_id
         started = time.perf_counter()
-        with suppress(IllegalTransitionError):  # assembling already, before a restart
+        try:
             jobs.transition(store, self._queue, job_id, JobState.ASSEMBLING, by=self._owner)
+        except IllegalTransitionError as error:
+            if error.current is not JobState.ASSEMBLING:  # canceled, failed: nothing of it is published
+                raise
         assert self._writer is not None  # every tile was taken in, so the last row was written
         film_sha256 = self._writer.close()
         (self._folder / PREVIEW_PNG).write_bytes(self._preview.encode_png(self._color_space))
@@ -262,7 +274,7 @@ class Assembler:
             if job_id in self._assemblies:
                 self._drop(job_id)
             return
-        if not self._queue.claim(job_id, self._owner):
+        if not self._queue.claim(job_id, self._owner, _CLAIM_MS):
             self._drop(job_id)  # another host's assembler has it
             return
         if job_id not in self._assemblies:
@@ -273,7 +285,7 @@ class Assembler:
         except TileError as error:
             self._repair(assembly, error)
             return
-        if assembly.is_complete:
+        if assembly.is_complete and assembly.renew():
             assembly.commit()
             log.info("job assembled", job=job_id)
             self._drop(job_id)
@@ -299,7 +311,7 @@ class Assembler:
         """Fail a job, unless another assembler has it by now: then the error is ours, and none of the job's."""
         self._close(job_id)  # first: the event may need the space
         with suppress(FarmError):
-            if self._queue.claim(job_id, self._owner):
+            if self._queue.claim(job_id, self._owner, _CLAIM_MS):
                 jobs.fail(self._store, self._queue, job_id, body, by=self._owner)
                 self._queue.unclaim(job_id, self._owner)
 

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import time
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from worker import contract, jobs, tasks
 from worker import main as entry
 from worker.assembler import Assembler, Assembly
 from worker.audit import audit
+from worker.states import JobState
 
 
 def render(farm: SmallFarm, title: str = "fake", **options: object) -> str:
@@ -256,4 +258,58 @@ def test_stopped_assembler_gives_its_jobs_back(farm: SmallFarm):
     farm.assembler.stop()
     farm.assembler.run()
     assert farm.queue.claim(job_id, "another")
+    assert not list(farm.store.temporary.iterdir())
+
+
+def test_claim_is_kept_through_a_catch_up(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """Taking in many tiles at once takes longer than the claim lasts; meanwhile nobody else may begin."""
+    monkeypatch.setattr("worker.assembler._CLAIM_MS", 200)
+    job_id = render(farm, width=32, height=160)
+    real = Assembly._take
+    thefts = []
+
+    def take_slowly(assembly: Assembly, data: bytes) -> None:
+        time.sleep(0.05)
+        real(assembly, data)
+        thefts.append(farm.queue.claim(job_id, "another"))
+
+    monkeypatch.setattr(Assembly, "_take", take_slowly)
+    farm.assembler.advance(job_id)
+    assert thefts == [False] * 20
+    assert farm.state(job_id) == "succeeded"
+
+
+def test_assembly_stops_where_the_claim_is_lost(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    job_id = render(farm, width=32, height=64)
+    real = Assembly._take
+    taken = []
+
+    def lose(assembly: Assembly, data: bytes) -> None:
+        real(assembly, data)
+        taken.append(assembly.next_tile)
+        farm.queue.redis.set(contract.KEY_CLAIM + job_id, "another")
+
+    monkeypatch.setattr(Assembly, "_take", lose)
+    farm.assembler.advance(job_id)
+    assert taken == [0, 1]  # the row that was begun
+    assert farm.state(job_id) == "rendering"
+    farm.assembler.advance(job_id)
+    assert not list(farm.store.temporary.iterdir())
+
+
+@pytest.mark.parametrize("state", [JobState.CANCELING, JobState.FAILED])
+def test_job_that_is_canceled_as_it_is_completed_is_not_published(
+    farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, state: JobState
+):
+    job_id = render(farm)
+    real = Assembly.commit
+
+    def too_late(assembly: Assembly) -> None:
+        farm.store.transition(job_id, state, by="api")
+        real(assembly)
+
+    monkeypatch.setattr(Assembly, "commit", too_late)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == state
+    assert not farm.store.has_result(job_id, "result.png")
     assert not list(farm.store.temporary.iterdir())
