@@ -33,12 +33,15 @@ RUN find /opt/smalti -exec touch --no-dereference --date=@1700000000 {} + \
 # ---- final ----------------------------------------------------------------------------------------------------------
 FROM ${PYTHON_IMAGE} AS final
 ARG NUMBA_CPU_NAME=x86-64-v3
+# In a container the API listens on every address, where it would answer to every name: yet it is meant for loopback, and
+# a page elsewhere must not reach it by a name that suddenly means 127.0.0.1. To serve others: SMALTI_ALLOWED_HOSTS=name.
 ENV PATH=/opt/smalti/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     NUMBA_CPU_NAME=${NUMBA_CPU_NAME} \
     NUMBA_CPU_FEATURES="" \
     SMALTI_CACHE=/var/cache/smalti \
     SMALTI_STORE=/data \
+    SMALTI_ALLOWED_HOSTS=localhost \
     SMALTI_READY_FILE=/tmp/smalti-ready.json
 
 RUN useradd --system --uid 10001 --user-group --home-dir /var/lib/smalti --create-home smalti \

@@ -8,6 +8,7 @@ import asyncio
 from dataclasses import dataclass, field
 from typing import Annotated, Final, cast
 
+from anyio import CapacityLimiter
 from fastapi import Depends, Request
 
 from service.metrics import Metrics
@@ -20,6 +21,12 @@ from worker.store import Store
 
 OWNER: Final = "local"
 """Whose jobs these are, while there are no keys: one owner for all who can reach the service."""
+
+MIN_FREE_BYTES: Final = 64 << 20
+"""Room that the store keeps: a job of usual size fits into it many times; to accept more below asks for trouble."""
+
+_UPLOADS: Final = 8
+"""Uploads that are written at once: enough for any disk, and a fraction of the threads that all other answers need."""
 
 
 @dataclass
@@ -35,6 +42,8 @@ class Context:
     in_flight: set[str] = field(default_factory=set)
     """Idempotency keys of requests that are being answered; touched on the event loop only."""
     parsers: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(MAX_CHILDREN))
+    uploads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(_UPLOADS))
+    """Threads of uploads: each waits for its client's network, so they are not those that answer everybody else."""
 
     def reading_queue(self) -> Queue:
         """Return the queue to ask for progress: the real one, or while it is away one that says so at once.

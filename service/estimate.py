@@ -16,6 +16,8 @@ _TRIANGLE_BYTES = 320
 _VERTEX_BYTES = 24 + 24 + 16 + 24
 # Film of a tile: two halves of three float64 sums a pixel.
 _FILM_BYTES_PER_PIXEL = 2 * 3 * 8
+# Three float32 of the EXR, three bytes of the PNG; compression only makes it less.
+_RESULT_BYTES_PER_PIXEL = 12 + 3
 # Python, numpy, numba and its kernels in one worker, measured in the trial of the farm.
 _WORKER_BYTES = 100 << 20
 
@@ -60,7 +62,8 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int) -> Estimate:
         + n_triangles * _TRIANGLE_BYTES
         + n_vertices * _VERTEX_BYTES
         + min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
-        result_bytes=width * height * (12 + 3),
+        result_bytes=width * height * _RESULT_BYTES_PER_PIXEL,
+        store_bytes=width * height * (_FILM_BYTES_PER_PIXEL + _RESULT_BYTES_PER_PIXEL),
         features=features,
         skipped=skipped,
         assets_missing=[],

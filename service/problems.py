@@ -12,8 +12,9 @@ from typing import Any, Final
 
 from starlette.responses import Response
 
+from worker.contract import PROBLEM_PREFIX
+
 MEDIA_TYPE: Final = "application/problem+json"
-TYPE_PREFIX: Final = "urn:smalti:problem:"
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class ProblemType:
     @property
     def uri(self) -> str:
         """The value of ``type`` in the document."""
-        return TYPE_PREFIX + self.slug
+        return PROBLEM_PREFIX + self.slug
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,9 @@ ROUTE_NOT_FOUND = ProblemType("route-not-found", 404, "There is nothing at this 
 JOB_NOT_FOUND = ProblemType("job-not-found", 404, "There is no such job", "The id is wrong, or the job was deleted.")
 METHOD_NOT_ALLOWED = ProblemType(
     "method-not-allowed", 405, "This method is not allowed here", "The header Allow lists the methods."
+)
+UPLOAD_STALLED = ProblemType(
+    "upload-stalled", 408, "The upload stands still", "The client stopped sending in the middle of a body."
 )
 ILLEGAL_TRANSITION = ProblemType(
     "illegal-transition", 409, "The job's state does not allow this", "See current_state and allowed."

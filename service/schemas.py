@@ -172,6 +172,7 @@ class Estimate(Sent):
     tiles: int
     memory_bytes: int = Field(description="One worker's memory for the inline scene and one tile; assets come on top.")
     result_bytes: int = Field(description="Size of the pictures without compression.")
+    store_bytes: int = Field(description="Most that the job takes of the store while it runs: tiles and pictures.")
     features: list[str] = Field(description="What the scene uses.")
     skipped: list[str] = Field(description="What the scene does not use.")
     assets_missing: list[str] = Field(description="Names of assets that have to be uploaded first.")

@@ -22,7 +22,6 @@ class ServiceSettings(FarmSettings):
         description="Names, separated by commas, that Host may hold beside the loopback names; * allows all. "
         "Empty: none when the API listens on loopback, all otherwise.",
     )
-    queue_timeout_s: float = Field(default=2.0, gt=0, description="Longest time that an answer waits for Redis.")
 
     def host_names(self) -> frozenset[str]:
         """Return the names that ``Host`` may hold beside the loopback names.

@@ -18,6 +18,7 @@ import yaml
 from typer.main import get_command
 
 from client.cli import app
+from service.settings import ServiceSettings
 from worker.settings import FarmSettings
 
 ROOT = Path(__file__).parents[1]
@@ -170,6 +171,13 @@ def test_compose_has_the_farm() -> None:
     assert set(SERVICES) == {"valkey", "api", "worker"}
     assert SERVICES["api"]["build"] == "."
     assert SERVICES["api"]["image"] == SERVICES["worker"]["image"]
+
+
+def test_the_container_answers_to_loopback_names_only() -> None:
+    environment = dict(word.split("=", 1) for name, one in final_stage() if name == "ENV" for word in shlex.split(one))
+    hosts = environment[f"{ServiceSettings.model_config['env_prefix']}{'allowed_hosts'.upper()}"]
+    host = check_smalti_arguments(json.loads(last("CMD")))["host"]
+    assert ServiceSettings(host=host, allowed_hosts=hosts).host_names() == {"localhost"}
 
 
 def test_nothing_is_published_but_the_api_on_loopback() -> None:

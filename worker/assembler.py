@@ -6,9 +6,8 @@ result is committed before the state says so, and tiles are deleted only after t
 Source: service.md, "The house" of architecture.md; cgru and OpenCue users' complaint that assembly outlasts the render.
 """
 
-import secrets
+import os
 import shutil
-import socket
 import threading
 import time
 from contextlib import suppress
@@ -40,6 +39,9 @@ log = structlog.get_logger()
 
 # Looked at even without a wake-up: a lost message costs this much.
 _POLL_S = 1.0
+# How long a claim lasts. It is renewed at each look and with each row of tiles, so a row must fit, and the commit (two
+# files brought to a slow disk). Not longer: the jobs of a killed assembler wait this long for another.
+_CLAIM_MS = 10_000
 # A preview of 512 px costs about 10 ms: 0.5 % of a core.
 _PREVIEW_EVERY_S = 2.0
 
@@ -52,7 +54,7 @@ class Assembly:
     store, queue
         The farm.
     job_id
-        A job that has a plan.
+        A job that has a plan, and on which the caller has won the claim.
     owner
         Name of this assembler, for events.
     """
@@ -65,8 +67,9 @@ class Assembly:
         self._samples = self.record.samples
         self._totals = TileTotals()
         self._next = 0
-        self._folder = store.temporary / f"{_folder_prefix()}{job_id}-{secrets.token_hex(4)}"
-        self._folder.mkdir()
+        # The claim is ours, so whoever had one of these is dead or has lost the job.
+        store.delete_assemblies(job_id)
+        self._folder = store.assembly_folder(job_id)
         self._color_space = self.record.output["png_color_space"]
         self._writer: FilmWriter | None = None
         self._preview = Preview(
@@ -96,12 +99,18 @@ class Assembly:
                 data = self._store.read_tile(self.job_id, self._next)
             except FileNotFoundError:
                 break
+            if self._next % self._grid.columns == 0 and not self.renew():
+                break  # another assembler has the job; the next look tells
             self._take(data)
             self._next += 1
         if self._next > began:
             self._show()
         self._spent_s += time.perf_counter() - started
         return self._next > began
+
+    def renew(self) -> bool:
+        """Renew the claim on the job; False if it is lost."""
+        return self._queue.claim(self.job_id, self._owner, _CLAIM_MS)
 
     @property
     def next_tile(self) -> int:
@@ -148,8 +157,11 @@ class Assembly:
         """Write the rest, move the results into place, and end the job; safe to do again after a crash anywhere."""
         store, job_id = self._store, self.job_id
         started = time.perf_counter()
-        with suppress(IllegalTransitionError):  # assembling already, before a restart
+        try:
             jobs.transition(store, self._queue, job_id, JobState.ASSEMBLING, by=self._owner)
+        except IllegalTransitionError as error:
+            if error.current is not JobState.ASSEMBLING:  # canceled, failed: nothing of it is published
+                raise
         assert self._writer is not None  # every tile was taken in, so the last row was written
         film_sha256 = self._writer.close()
         (self._folder / PREVIEW_PNG).write_bytes(self._preview.encode_png(self._color_space))
@@ -171,6 +183,14 @@ class Assembly:
             store, self._queue, job_id, JobState.SUCCEEDED, by=self._owner, detail=summarize(self._totals, film_sha256)
         )
         jobs.clean_up(store, self._queue, job_id)
+
+    def touch(self) -> bool:
+        """Keep the working folder from being swept as abandoned; False if it is gone (this machine slept, perhaps)."""
+        try:
+            os.utime(self._folder)
+        except FileNotFoundError:
+            return False
+        return True
 
     def close(self) -> None:
         """Drop what is not committed."""
@@ -217,12 +237,15 @@ class Assembler:
                 news |= self._poll()
             for job_id in sorted(news):
                 self.advance(job_id)
-        for assembly in self._assemblies.values():
-            assembly.close()
+        for job_id in list(self._assemblies):
+            self._drop(job_id)
 
     def _poll(self) -> set[str]:
-        """Renew our claims and return all jobs that might have news."""
+        """Keep our folders and return all jobs that might have news."""
         active = set(self._assemblies)
+        for job_id in active:
+            if not self._assemblies[job_id].touch():
+                self._drop(job_id)  # it begins anew
         with suppress(QueueError):
             active |= self._queue.active_jobs()
         return active
@@ -236,11 +259,9 @@ class Assembler:
         except QueueError as error:
             log.warning("queue away", error=str(error))
         except (StoreFullError, ImageWriteError) as error:
-            self._drop(job_id)
             log.exception("no place for the result", job=job_id)
             self._fail(job_id, problem("store-full", "The result could not be written", str(error)))
         except Exception as error:
-            self._drop(job_id)
             log.exception("assembly failed", job=job_id)
             self._fail(
                 job_id,
@@ -253,7 +274,7 @@ class Assembler:
             if job_id in self._assemblies:
                 self._drop(job_id)
             return
-        if not self._queue.claim(job_id, self._owner):
+        if not self._queue.claim(job_id, self._owner, _CLAIM_MS):
             self._drop(job_id)  # another host's assembler has it
             return
         if job_id not in self._assemblies:
@@ -264,7 +285,7 @@ class Assembler:
         except TileError as error:
             self._repair(assembly, error)
             return
-        if assembly.is_complete:
+        if assembly.is_complete and assembly.renew():
             assembly.commit()
             log.info("job assembled", job=job_id)
             self._drop(job_id)
@@ -278,7 +299,6 @@ class Assembler:
             self._drop(job_id)
             return
         if damages >= contract.MAX_TILE_ERRORS:
-            self._drop(job_id)
             self._fail(
                 job_id, problem("tile-failed", "A part of the picture is damaged on disk", str(error), tile=tile)
             )
@@ -288,15 +308,23 @@ class Assembler:
         self._queue.enqueue_runs(job_id, assembly.record.priority)
 
     def _fail(self, job_id: str, body: dict[str, Any]) -> None:
+        """Fail a job, unless another assembler has it by now: then the error is ours, and none of the job's."""
+        self._close(job_id)  # first: the event may need the space
         with suppress(FarmError):
-            jobs.fail(self._store, self._queue, job_id, body, by=self._owner)
+            if self._queue.claim(job_id, self._owner, _CLAIM_MS):
+                jobs.fail(self._store, self._queue, job_id, body, by=self._owner)
+                self._queue.unclaim(job_id, self._owner)
 
     def _drop(self, job_id: str) -> None:
+        if self._close(job_id):
+            with suppress(QueueError):
+                self._queue.unclaim(job_id, self._owner)
+
+    def _close(self, job_id: str) -> bool:
         assembly = self._assemblies.pop(job_id, None)
         if assembly is not None:
             assembly.close()
-            with suppress(QueueError):
-                self._queue.unclaim(job_id, self._owner)
+        return assembly is not None
 
     def _listen(self) -> None:
         """Note which jobs have news; reconnect for ever."""
@@ -312,13 +340,3 @@ class Assembler:
             except (redis.RedisError, OSError) as error:
                 log.warning("wake-ups lost", error=str(error))
                 self._stopped.wait(0.25)
-
-
-def _folder_prefix() -> str:
-    return f"assembly-{socket.gethostname()}-"
-
-
-def sweep_assemblies(store: Store) -> None:
-    """Remove working folders that a killed assembler of this host left; call it before `Assembler.run`."""
-    for folder in store.temporary.glob(f"{_folder_prefix()}*"):
-        shutil.rmtree(folder, ignore_errors=True)

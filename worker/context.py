@@ -31,7 +31,7 @@ DRAINING = 2
 
 # Compiled scenes are memory-mapped, so a few cost little; jobs that take turns need not be mapped again each second.
 _KEPT_SCENES = 4
-# A worker gives up on a queue that is away for this long; the supervisor starts it afresh.
+# A task gives up on a queue that is away for this long; the worker goes on waiting for hints, which the steward brings.
 _OUTAGE_S = 120.0
 
 

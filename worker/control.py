@@ -1,6 +1,7 @@
 """The threads beside the kernel: one keeps the lease and listens, one hears signals.
 
-Job: renew the lease each second, tell that the worker lives, raise the cancel flag on command or on SIGTERM.
+Job: renew the lease of the current job each second, tell that the worker lives, raise the cancel flag on command or on
+SIGTERM.
 Invariant: nothing that Redis does or fails to do ends these threads; signals reach them while a kernel holds the main
 thread, because the C-level handler writes to a file descriptor (`signal.set_wakeup_fd`).
 Source: service.md, "RQ 3.0, as measured".
@@ -72,7 +73,8 @@ class ControlThread(threading.Thread):
         context = self._context
         try:
             job = context.job
-            if context.name in context.queue.renew([context.name]) and job is not None and context.state == "busy":
+            # A lease of no current job was left by a task that ended badly: it must run out.
+            if job is not None and context.name in context.queue.renew([context.name]):
                 log.debug("no lease to renew", job=job)
             context.queue.report_worker(
                 context.name,

@@ -212,16 +212,21 @@ def transition(
 
 
 def fail(store: Store, queue: Queue, job_id: str, problem: Mapping[str, Any], *, by: str) -> bool:
-    """Fail a job with a problem and take it out of the queue; False if it has ended or is being canceled."""
+    """Fail a job with a problem and take it out of the queue; False if it has ended or is being canceled.
+
+    Where the store cannot take the event (`StoreFullError`), nothing is stopped: the fault comes again, and then this.
+    """
     try:
         transition(store, queue, job_id, JobState.FAILED, by=by, detail=problem)
     except (IllegalTransitionError, JobNotFoundError):
-        return False
-    finally:
-        with suppress(QueueError):
-            queue.stop_job(job_id)
-    clean_up(store, queue, job_id)
-    return True
+        is_failed = False
+    else:
+        is_failed = True
+    with suppress(QueueError):
+        queue.stop_job(job_id)
+    if is_failed:
+        clean_up(store, queue, job_id)
+    return is_failed
 
 
 def cancel(store: Store, queue: Queue, job_id: str, *, by: str = "api") -> JobEvent:

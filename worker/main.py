@@ -104,14 +104,13 @@ def _run_steward(settings: FarmSettings) -> int:
 
 
 def _run_assembler(settings: FarmSettings) -> int:
-    from worker.assembler import Assembler, sweep_assemblies
+    from worker.assembler import Assembler
     from worker.queue import Queue
     from worker.store import Store
 
-    store = Store(settings.store)
-    sweep_assemblies(store)
-    # One a host, so the host names it: after a crash it owns its old claims again at once.
-    assembler = Assembler(store, Queue(str(settings.redis_url)), f"assembler@{socket.gethostname()}")
+    # Two on one host must not take each other's claims for their own.
+    owner = f"assembler@{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(2)}"
+    assembler = Assembler(Store(settings.store), Queue(str(settings.redis_url)), owner)
     return _run_until_signal(assembler.stop, assembler.run)
 
 

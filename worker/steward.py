@@ -79,7 +79,12 @@ class Steward:
         """End overdue leases; rebuild the index if it is not complete, and return whether that was so."""
         sweep = self._queue.expire()
         for worker, job_id, tile in sweep.expired:
-            lease_lost(self._store, self._queue, worker, job_id, tile, by=self._name)
+            try:
+                lease_lost(self._store, self._queue, worker, job_id, tile, by=self._name)
+            except QueueError:
+                raise
+            except Exception:  # one unreadable job must not stop the farm; its tile is free again already
+                log.exception("lost lease not seen to", job=job_id, tile=tile)
         # An epoch that another server process wrote came back from its file, up to a second of writes short.
         if sweep.epoch and sweep.epoch.startswith(sweep.server[:12]):
             return False
@@ -126,8 +131,12 @@ class Steward:
                 self._see_to(job_id, event, hints, leased, in_index, everything=everything)
             except (JobNotFoundError, BadNameError):
                 continue
+            except QueueError:
+                raise
             except DamagedRecordError as error:
                 log.error("job damaged", job=job_id, error=str(error))  # noqa: TRY400 - the message says it all
+            except Exception:  # a file gone, EACCES, EIO: one unreadable job must not keep the index from its epoch
+                log.exception("job unreadable", job=job_id)
         for job_id in in_index - stored:
             if not self._store.has_job(job_id):
                 queue.forget_job(job_id)
@@ -178,16 +187,23 @@ class Steward:
             queue.enqueue_runs(job_id, store.read_job(job_id).priority, count)
 
     def _index(self, job_id: str) -> None:
-        """Put a job that is being rendered into the index, with the tiles that are on disk."""
+        """Put a job that is being rendered into the index, with the tiles that are on disk and no others."""
         grid = grid_of(self._store.read_job(job_id))
+        # Read before the folder is: a tile is written before it is counted, so a surplus means that a file is gone.
+        before = self._queue.progress(job_id)
         done = [tile for tile in self._store.done_tiles(job_id) if tile < grid.n_tiles]
         self._queue.init_job(job_id, grid.n_tiles, grid.columns, done)
+        if before is not None and before.done > len(done):
+            log.warning("done tiles without a file", job=job_id, n_tiles=before.done - len(done))
+            for tile in sorted(set(range(grid.n_tiles)) - set(done)):
+                self._queue.redo_tile(job_id, tile)  # one in flight is rendered twice: harmless
 
     def _end(self, job_id: str, *, is_indexed: bool) -> None:
         """Clean up after a job that has ended, and open it no more."""
         if is_indexed:
             self._queue.forget_job(job_id)
         self._store.delete_tiles(job_id)
+        self._store.delete_assemblies(job_id)
         self._ended.add(job_id)
 
     def _idle_workers(self) -> int:

@@ -296,6 +296,18 @@ class Store(Uploads):
             (self.job_dir(job_id) / "tiles").rename(grave)
             shutil.rmtree(grave, ignore_errors=True)
 
+    def assembly_folder(self, job_id: str) -> Path:
+        """Make a working folder for the results of a job, in ``tmp``."""
+        folder = self.temporary / f"assembly-{check_job_id(job_id)}-{secrets.token_hex(4)}"
+        with files.full_is_clear():
+            folder.mkdir()
+        return folder
+
+    def delete_assemblies(self, job_id: str) -> None:
+        """Remove the working folders of a job that are in nobody's use any more."""
+        for folder in self.temporary.glob(f"assembly-{check_job_id(job_id)}-*"):
+            shutil.rmtree(folder, ignore_errors=True)
+
     def result_path(self, job_id: str, name: str) -> Path:
         """Return the file of a result, existing or not; `BadNameError` for any name but the four."""
         if name not in RESULT_NAMES:
@@ -327,14 +339,15 @@ class Store(Uploads):
     # ---- housekeeping (the steward's) -----------------------------------------------------------------------------
 
     def sweep(self, older_than_s: float, idempotency_s: float = 86_400.0) -> int:
-        """Remove what crashes left in ``tmp`` and idempotency records past their day; return how many."""
+        """Remove what crashes left in ``tmp`` and idempotency records past their day; return how many.
+
+        Assemblers touch their folders, so that these are not taken for abandoned.
+        """
         removed = 0
         limits = [(self.temporary, older_than_s)]
         limits += [(folder, idempotency_s) for folder in self._idempotency.iterdir()]
         for folder, limit in limits:
             for entry in os.scandir(folder):
-                if entry.name.startswith("assembly-"):
-                    continue  # in use for as long as its job takes; the assembler sweeps its own when it starts
                 with suppress(FileNotFoundError):
                     if time.time() - entry.stat(follow_symlinks=False).st_mtime < limit:
                         continue

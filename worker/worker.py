@@ -65,8 +65,10 @@ class FarmWorker(SimpleWorker):
             getattr(tasks, task.rpartition(".")[2])(self.context, job_id)
         except FarmError as error:
             log.warning("task ended early", task=task, job=job_id, error=str(error))
+            self.context.release()  # else others take the tile for being worked on until the lease runs out
         except Exception:
             log.exception("task failed", task=task, job=job_id)
+            self.context.release()
         if self.context.draining.is_set():
             self._stop_requested = True
 

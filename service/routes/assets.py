@@ -1,14 +1,14 @@
 """Assets: which are missing, and taking them in.
 
 Job: the two calls by which a client brings files to the store before it names them in a scene.
-Invariant: content-addressed; what lies under a hash has that hash. An upload holds one piece at a time in memory.
-Source: service.md, "HTTP".
+Invariant: content-addressed; what lies under a hash has that hash. An upload holds one piece at a time in memory, and
+a thread no longer than its client goes on sending.
 """
 
 import asyncio
 import hashlib
 from collections.abc import AsyncIterator, Iterator
-from typing import Annotated
+from typing import Annotated, Final
 
 import anyio.to_thread
 from fastapi import APIRouter, Path, Request
@@ -30,6 +30,8 @@ router = APIRouter(prefix="/v1", tags=["assets"])
 _MAX_QUERY_BYTES = 1 << 20
 # A hop to the writing thread costs about 0.1 ms, so small network reads are gathered first.
 _PIECE_BYTES = 1 << 20
+# Longest silence of a client within its upload: longer than a lost packet takes on a bad line, and far from for ever.
+SILENCE_S: Final = 30.0
 
 Sha256Path = Annotated[
     str,
@@ -72,7 +74,13 @@ async def find_missing(request: Request, context: InContext) -> Response:
     responses={
         200: {"model": AssetView, "description": "It was here already.", **examples.answer(examples.ASSET_PRESENT)},
         201: {"description": "Stored.", **examples.answer(examples.ASSET_CREATED)},
-        **problem_answers(problems.TOO_LARGE, problems.HASH_MISMATCH, problems.STORE_UNAVAILABLE, problems.STORE_FULL),
+        **problem_answers(
+            problems.UPLOAD_STALLED,
+            problems.TOO_LARGE,
+            problems.HASH_MISMATCH,
+            problems.STORE_UNAVAILABLE,
+            problems.STORE_FULL,
+        ),
     },
     openapi_extra={
         "requestBody": {
@@ -121,23 +129,44 @@ async def _take_in(context: Context, request: Request, sha256: str, limit_bytes:
 
     def chunks() -> Iterator[bytes]:
         # The store pulls, so the network is read no faster than the disk writes.
-        while (piece := asyncio.run_coroutine_threadsafe(_next(pieces), loop).result()) is not None:
+        while (piece := asyncio.run_coroutine_threadsafe(_next_gathered(pieces), loop).result()) is not None:
             yield piece
 
     try:
-        return await anyio.to_thread.run_sync(context.store.put_asset, sha256, chunks(), limit_bytes)
+        return await anyio.to_thread.run_sync(
+            context.store.put_asset, sha256, chunks(), limit_bytes, limiter=context.uploads
+        )
     except AssetTooLargeError:
         raise too_large(limit_bytes) from None
 
 
-async def _next(pieces: AsyncIterator[bytes]) -> bytes | None:
+async def _next_gathered(pieces: AsyncIterator[bytes]) -> bytes | None:
     return await anext(pieces, None)
+
+
+async def _next_read(pieces: AsyncIterator[bytes]) -> bytes | None:
+    """Return what the network brings next; None at the end.
+
+    Raises
+    ------
+    Problem
+        408 when the client has gone silent. Not a TimeoutError: that is an OSError, which is taken for the store's.
+    """
+    try:
+        async with asyncio.timeout(SILENCE_S):
+            return await anext(pieces, None)
+    except TimeoutError:
+        raise Problem(
+            problems.UPLOAD_STALLED,
+            f"Nothing came for {SILENCE_S:.0f} s; nothing was stored.",
+            headers={"Connection": "close"},  # the rest of the body may come yet, and is no request
+        ) from None
 
 
 async def _gather(pieces: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
     """Join small pieces into larger ones."""
     gathered = bytearray()
-    async for piece in pieces:
+    while (piece := await _next_read(pieces)) is not None:
         gathered += piece
         if len(gathered) >= _PIECE_BYTES:
             yield bytes(gathered)

@@ -2,10 +2,11 @@
 
 Job: the HTTP side of `worker.jobs`.
 Invariant: 202 is answered after the job is on disk and not before; everything that touches the store runs in a thread.
-Source: service.md, "HTTP"; RFC 7240 (Prefer); the IETF draft on Idempotency-Key.
+Source: RFC 7240 (Prefer); the IETF draft on Idempotency-Key.
 """
 
 import asyncio
+import shutil
 from typing import Annotated, Final
 
 import anyio.to_thread
@@ -16,7 +17,7 @@ from starlette.requests import ClientDisconnect
 from service import examples, problems
 from service.bodies import read_capped, require_json
 from service.conditional import parse_wait
-from service.context import OWNER, Context, InContext
+from service.context import MIN_FREE_BYTES, OWNER, Context, InContext
 from service.openapi import json_body, problem_answers
 from service.parsing import fits_thread, parse_in_child
 from service.problems import FieldFault, Problem
@@ -138,12 +139,13 @@ async def _parse(context: Context, body: bytes) -> ParsedJob:
 
 
 async def _submit(context: Context, parsed: ParsedJob, key: str | None) -> jobs.Submission:
-    """Check the assets and make the job durable, in one visit to a thread."""
+    """Check assets and room, and make the job durable, in one visit to a thread."""
 
     def submit() -> jobs.Submission:
         missing = _missing_assets(context, parsed)
         if missing:
             raise _assets_problem(missing)
+        _check_room(context, parsed.estimate)
         return jobs.submit(
             context.store,
             context.queue,
@@ -158,6 +160,18 @@ async def _submit(context: Context, parsed: ParsedJob, key: str | None) -> jobs.
         )
 
     return await anyio.to_thread.run_sync(submit)
+
+
+def _check_room(context: Context, estimate: Estimate) -> None:
+    """Refuse a job whose tiles and pictures alone would fill the store: it would take every other job down with it."""
+    free_bytes = shutil.disk_usage(context.store.root).free
+    if free_bytes < estimate.store_bytes + MIN_FREE_BYTES:
+        raise Problem(
+            problems.STORE_FULL,
+            f"The job needs {estimate.store_bytes} bytes of the store, and {MIN_FREE_BYTES} must stay free beside it; "
+            f"{free_bytes} are. Render fewer pixels (image.crop), or delete jobs that have ended.",
+            extra={"needed_bytes": estimate.store_bytes + MIN_FREE_BYTES, "free_bytes": free_bytes},
+        )
 
 
 def _missing_assets(context: Context, parsed: ParsedJob) -> dict[str, list[str]]:

@@ -3,7 +3,6 @@
 Job: answer monitors and tools.
 Invariant: liveness needs nothing but this process; readiness tries each part for real; a scrape never fails because a
 part is away.
-Source: service.md, "HTTP".
 """
 
 import json
@@ -11,7 +10,6 @@ import secrets
 import shutil
 from contextlib import suppress
 from functools import cache
-from typing import Final
 
 import anyio.to_thread
 from fastapi import APIRouter, Request
@@ -19,7 +17,7 @@ from fastapi.responses import JSONResponse, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from service import examples, problems
-from service.context import Context, InContext
+from service.context import MIN_FREE_BYTES, Context, InContext
 from service.openapi import problem_answers
 from service.problems import Problem
 from service.results import answer_bytes
@@ -29,9 +27,6 @@ from tracer.scene import json_schema
 from worker.errors import QueueError
 
 router = APIRouter(tags=["service"])
-
-# A job of usual size with its result fits into this many times over; below, accepting more is asking for trouble.
-_MIN_FREE_BYTES: Final = 64 << 20
 
 
 @router.get(
@@ -86,7 +81,7 @@ def _check(context: Context) -> dict[str, tuple[str, str | None]]:
 def _check_store(context: Context) -> str | None:
     probe = context.store.temporary / f".probe-{secrets.token_hex(8)}"
     try:
-        if shutil.disk_usage(context.store.root).free < _MIN_FREE_BYTES:
+        if shutil.disk_usage(context.store.root).free < MIN_FREE_BYTES:
             return "nearly full"
         probe.write_bytes(b"probe")
     except OSError as error:

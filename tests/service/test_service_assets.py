@@ -3,11 +3,16 @@
 import hashlib
 import os
 import socket
+import threading
+import time
+from contextlib import ExitStack
 from typing import Any
 
 import httpx
 import pytest
 from service_farm import Farm, assert_problem, scene
+
+from service.routes import assets
 
 LIMIT = 3 << 20
 
@@ -80,6 +85,49 @@ def test_a_client_that_leaves_in_the_middle_leaves_nothing_behind(farm: Farm) ->
         farm.client.get("/healthz")
     assert not farm.store.has_asset(sha(data))
     assert put(farm, data, sha(data)).status_code == 201
+
+
+def stall(farm: Farm, stack: ExitStack, data: bytes) -> socket.socket:
+    """Begin an upload, and send no more than its first half."""
+    host, port = farm.url.removeprefix("http://").split(":")
+    connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=20))
+    head = f"PUT /v1/assets/{sha(data)} HTTP/1.1\r\nHost: {host}\r\nContent-Length: {len(data)}\r\n\r\n"
+    connection.sendall(head.encode() + data[: len(data) // 2])
+    return connection
+
+
+def test_many_stalled_uploads_stop_nobody_else(farm: Farm) -> None:
+    data = os.urandom(1000)
+    with ExitStack() as stack:
+        for _ in range(60):  # more than the threads that all requests share
+            stall(farm, stack, data)
+        time.sleep(0.3)
+        assert farm.client.get("/v1/jobs", timeout=5).status_code == 200
+
+
+def test_a_silent_upload_is_ended(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assets, "SILENCE_S", 0.2)
+    data = os.urandom(1000)
+    with ExitStack() as stack:
+        connection = stall(farm, stack, data)
+        answer = b"".join(iter(lambda: connection.recv(4096), b""))  # to the end: the connection is closed
+    assert answer.startswith(b"HTTP/1.1 408 ")
+    assert b"urn:smalti:problem:upload-stalled" in answer
+    assert not list(farm.store.temporary.glob(".asset-*"))
+    assert not farm.store.has_asset(sha(data))
+
+
+def test_a_slow_upload_is_not_ended(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assets, "SILENCE_S", 0.5)
+    data = os.urandom(8)
+    waits = threading.Event()
+
+    def pieces() -> Any:
+        for byte in data:  # 0.8 s in all, each piece well within the limit
+            waits.wait(0.1)
+            yield bytes([byte])
+
+    assert put(farm, pieces(), sha(data)).status_code == 201
 
 
 def test_who_asks_first_need_not_send_what_is_here(farm: Farm) -> None:

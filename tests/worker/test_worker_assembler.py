@@ -1,16 +1,20 @@
 """Tiles to pictures: any order of arrival, any tile size, restarts, damage."""
 
 import json
+import os
 import random
+import time
 
 import numpy as np
 import pytest
 from worker_farm import SmallFarm
 
 from tracer.film.writer import film_sha256
-from worker import jobs, tasks
-from worker.assembler import Assembler, Assembly, sweep_assemblies
+from worker import contract, jobs, tasks
+from worker import main as entry
+from worker.assembler import Assembler, Assembly
 from worker.audit import audit
+from worker.states import JobState
 
 
 def render(farm: SmallFarm, title: str = "fake", **options: object) -> str:
@@ -81,10 +85,13 @@ def test_assembler_begins_anew_after_a_crash(farm: SmallFarm):
     farm.assembler.advance(job_id)  # takes in 15 tiles, then dies
     assert len(list(farm.store.temporary.glob("assembly-*"))) == 1
     farm.store.write_tile(job_id, 15, last)
-    sweep_assemblies(farm.store)
-    successor = Assembler(farm.store, farm.queue, "assembler")
+    successor = Assembler(farm.store, farm.queue, "successor")
+    successor.advance(job_id)
+    assert farm.state(job_id) == "rendering"  # the dead one's claim has not run out yet
+    farm.queue.redis.delete(contract.KEY_CLAIM + job_id)
     successor.advance(job_id)
     assert farm.state(job_id) == "succeeded"
+    assert not list(farm.store.temporary.iterdir())
     other = render(farm, width=64, height=64)
     successor.advance(other)
     assert hash_of(farm, other) == hash_of(farm, job_id)
@@ -112,7 +119,6 @@ def test_crash_at_each_step_of_the_commit(farm: SmallFarm, monkeypatch: pytest.M
             patch.setattr(jobs, "transition", lambda *a, **k: crash() if "succeeded" in a else real(*a, **k))
         with pytest.raises(Crash):
             farm.assembler.advance(job_id)
-    sweep_assemblies(farm.store)
     farm.steward.reconcile(everything=True)
     Assembler(farm.store, farm.queue, "assembler").advance(job_id)
     assert farm.state(job_id) == "succeeded"
@@ -192,4 +198,118 @@ def test_full_disk_fails_the_job_and_says_so(farm: SmallFarm, monkeypatch: pytes
     monkeypatch.setattr("tracer.film.writer.FilmWriter.close", refuse)
     farm.assembler.advance(job_id)
     assert jobs.view(farm.store, farm.queue, job_id).problem["type"] == "urn:smalti:problem:store-full"
+    assert not list(farm.store.temporary.iterdir())
+
+
+def test_two_assemblers_of_a_host_leave_each_other_alone(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    mine = render(farm, width=64, height=32)
+    last = farm.store.read_tile(mine, 7)
+    farm.store.tile_path(mine, 7).unlink()
+    farm.assembler.advance(mine)
+    owners = []
+    monkeypatch.setattr(entry, "_run_until_signal", lambda _, run: owners.append(run.__self__._owner) or 0)
+    for _ in range(2):
+        entry._run_assembler(farm.settings.model_copy(update={"redis_url": farm.queue.url}))
+    assert len(set(owners)) == 2
+    assert len(list(farm.store.temporary.glob("assembly-*"))) == 1
+    farm.store.write_tile(mine, 7, last)
+    Assembler(farm.store, farm.queue, owners[0]).advance(mine)
+    assert farm.state(mine) == "rendering"
+    farm.assembler.advance(mine)
+    assert farm.state(mine) == "succeeded"
+
+
+def test_working_folder_in_use_is_not_swept(farm: SmallFarm):
+    job_id = render(farm, width=64, height=32)
+    last = farm.store.read_tile(job_id, 7)
+    farm.store.tile_path(job_id, 7).unlink()
+    farm.assembler.advance(job_id)
+    (folder,) = farm.store.temporary.iterdir()
+    os.utime(folder, (0, 0))
+    assert job_id in farm.assembler._poll()
+    assert farm.store.sweep(60.0) == 0
+    os.utime(folder, (0, 0))  # as if the machine had slept
+    assert farm.store.sweep(60.0) == 1
+    farm.store.write_tile(job_id, 7, last)
+    assert job_id in farm.assembler._poll()
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+
+
+def test_error_after_the_claim_was_lost_does_not_fail_the_job(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    job_id = render(farm)
+
+    def lose(*_: object) -> None:
+        farm.queue.redis.set(contract.KEY_CLAIM + job_id, "another")
+        raise FileNotFoundError("the other one has removed the folder")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tracer.film.writer.FilmWriter.close", lose)
+        farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "assembling"
+    Assembler(farm.store, farm.queue, "another").advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+
+
+def test_stopped_assembler_gives_its_jobs_back(farm: SmallFarm):
+    job_id = render(farm, width=64, height=32)
+    farm.store.tile_path(job_id, 7).unlink()
+    farm.assembler.advance(job_id)
+    farm.assembler.stop()
+    farm.assembler.run()
+    assert farm.queue.claim(job_id, "another")
+    assert not list(farm.store.temporary.iterdir())
+
+
+def test_claim_is_kept_through_a_catch_up(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """Taking in many tiles at once takes longer than the claim lasts; meanwhile nobody else may begin."""
+    monkeypatch.setattr("worker.assembler._CLAIM_MS", 200)
+    job_id = render(farm, width=32, height=160)
+    real = Assembly._take
+    thefts = []
+
+    def take_slowly(assembly: Assembly, data: bytes) -> None:
+        time.sleep(0.05)
+        real(assembly, data)
+        thefts.append(farm.queue.claim(job_id, "another"))
+
+    monkeypatch.setattr(Assembly, "_take", take_slowly)
+    farm.assembler.advance(job_id)
+    assert thefts == [False] * 20
+    assert farm.state(job_id) == "succeeded"
+
+
+def test_assembly_stops_where_the_claim_is_lost(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    job_id = render(farm, width=32, height=64)
+    real = Assembly._take
+    taken = []
+
+    def lose(assembly: Assembly, data: bytes) -> None:
+        real(assembly, data)
+        taken.append(assembly.next_tile)
+        farm.queue.redis.set(contract.KEY_CLAIM + job_id, "another")
+
+    monkeypatch.setattr(Assembly, "_take", lose)
+    farm.assembler.advance(job_id)
+    assert taken == [0, 1]  # the row that was begun
+    assert farm.state(job_id) == "rendering"
+    farm.assembler.advance(job_id)
+    assert not list(farm.store.temporary.iterdir())
+
+
+@pytest.mark.parametrize("state", [JobState.CANCELING, JobState.FAILED])
+def test_job_that_is_canceled_as_it_is_completed_is_not_published(
+    farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, state: JobState
+):
+    job_id = render(farm)
+    real = Assembly.commit
+
+    def too_late(assembly: Assembly) -> None:
+        farm.store.transition(job_id, state, by="api")
+        real(assembly)
+
+    monkeypatch.setattr(Assembly, "commit", too_late)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == state
+    assert not farm.store.has_result(job_id, "result.png")
     assert not list(farm.store.temporary.iterdir())

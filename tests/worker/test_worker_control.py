@@ -48,6 +48,18 @@ def test_lease_outlives_its_time_to_live(farm: SmallFarm, monkeypatch: pytest.Mo
         assert (worker.state, worker.job, worker.tile, worker.alive) == ("busy", job_id, 0, True)
 
 
+def test_lease_of_no_current_job_runs_out(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """What an idle worker holds was left by a task that ended badly: the janitor must get it."""
+    monkeypatch.setattr(contract, "RENEW_EVERY_S", 0.05)
+    job_id = new_job_id()
+    context = farm.worker()
+    farm.queue.init_job(job_id, 1, 1)
+    with controlled(context):
+        farm.queue.lease_next(farm.queue.epoch(), job_id, context.name, ttl_ms=300)
+        time.sleep(0.6)
+        assert farm.queue.expire().expired == [(context.name, job_id, 0)]
+
+
 def test_cancel_reaches_a_kernel(farm: SmallFarm):
     job_id = farm.submit("fake tile_s=30", width=16, height=16)
     context = farm.worker()

@@ -6,7 +6,13 @@ import pytest
 from worker_farm import SmallFarm, make_scene
 
 from worker import jobs, tasks
-from worker.errors import IdempotencyConflictError, IllegalTransitionError, JobActiveError, JobNotFoundError
+from worker.errors import (
+    IdempotencyConflictError,
+    IllegalTransitionError,
+    JobActiveError,
+    JobNotFoundError,
+    StoreFullError,
+)
 from worker.queue import Queue, unix_url
 from worker.records import new_job_id
 from worker.states import JobState
@@ -103,6 +109,26 @@ def test_leased_job_is_canceling_until_the_worker_lets_go(farm: SmallFarm):
     farm.queue.release("w")
     farm.steward.reconcile()
     assert farm.state(job_id) == "canceled"
+
+
+def test_full_store_leaves_a_failing_job_to_be_tried_again(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """Stopped but not failed, it would stand still for ever."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise StoreFullError
+
+    job_id = farm.submit(width=32, height=32)
+    for state in (JobState.PREPARING, JobState.RENDERING):
+        farm.store.transition(job_id, state, by="w")
+    farm.queue.init_job(job_id, 4, 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(farm.store, "append_event", refuse)
+        with pytest.raises(StoreFullError):
+            jobs.fail(farm.store, farm.queue, job_id, {"type": "x"}, by="w")
+    assert farm.queue.has_free_tiles(job_id)
+    assert jobs.fail(farm.store, farm.queue, job_id, {"type": "x"}, by="w")
+    assert farm.queue.active_jobs() == set()
+    assert not jobs.fail(farm.store, farm.queue, job_id, {"type": "x"}, by="w")
 
 
 def test_delete_only_what_has_ended(farm: SmallFarm):

@@ -7,8 +7,9 @@ from worker_farm import SmallFarm
 
 from worker import contract, jobs, tasks
 from worker.embedded import EmbeddedServer
+from worker.errors import QueueUnavailableError
 from worker.queue import Queue
-from worker.records import JobEvent
+from worker.records import JobEvent, JobRecord
 from worker.states import JobState
 from worker.steward import Steward
 from worker.store import Store
@@ -183,6 +184,74 @@ def test_damaged_job_does_not_stop_the_others(farm: SmallFarm):
     farm.queue.redis.flushall()
     farm.steward.tick()
     assert (contract.TASK_PREPARE, sound) in farm.queue.hints()
+
+
+def test_done_tile_without_a_file_is_rendered_again(farm: SmallFarm):
+    job_id = farm.submit(width=64, height=32)
+    tasks.prepare(farm.worker(), job_id)
+    farm.store.tile_path(job_id, 5).unlink()  # as after a power failure that Redis outlived
+    farm.drop_hints()
+    farm.assembler.advance(job_id)
+    farm.steward.reconcile()
+    assert farm.queue.progress(job_id).done == 7
+    assert farm.queue.hints() == {(contract.TASK_RENDER_RUN, job_id)}
+    tasks.render_run(farm.worker(), job_id)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+
+
+def test_unreadable_job_does_not_stop_the_others(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    incomplete, unreadable, odd, sound = (farm.submit() for _ in range(4))
+    (farm.store.job_dir(incomplete) / "job.json").unlink()
+    real_event, real_job = farm.store.last_event, farm.store.read_job
+
+    def last_event(job_id: str) -> JobEvent:
+        if job_id == unreadable:
+            raise PermissionError(job_id)
+        return real_event(job_id)
+
+    def read_job(job_id: str) -> JobRecord:
+        if job_id == odd:
+            raise KeyError("tile_size")
+        return real_job(job_id)
+
+    monkeypatch.setattr(farm.store, "last_event", last_event)
+    monkeypatch.setattr(farm.store, "read_job", read_job)
+    farm.queue.redis.flushall()
+    assert farm.steward.tick()
+    assert not farm.steward.tick()  # the index is complete
+    assert (contract.TASK_PREPARE, sound) in farm.queue.hints()
+
+
+def test_unreadable_job_does_not_keep_the_leases_of_others(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    unreadable, sound = rendering(farm), rendering(farm)
+    farm.drop_hints()
+    for worker, job_id in (("a", unreadable), ("b", sound)):
+        farm.queue.lease_next(farm.queue.epoch(), job_id, worker)
+        farm.queue.redis.zadd(contract.KEY_DEADLINES, {worker: 0})
+    real = farm.store.last_event
+
+    def last_event(job_id: str) -> JobEvent:
+        if job_id == unreadable:
+            raise PermissionError(job_id)
+        return real(job_id)
+
+    monkeypatch.setattr(farm.store, "last_event", last_event)
+    farm.steward.tick()
+    assert farm.queue.hints() == {(contract.TASK_RENDER_RUN, sound)}
+
+
+def test_queue_that_goes_away_in_a_rebuild_leaves_it_undone(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    farm.submit()
+    farm.queue.redis.flushall()
+
+    def refuse(*_: object) -> None:
+        raise QueueUnavailableError
+
+    monkeypatch.setattr(farm.queue, "enqueue_prepare", refuse)
+    with pytest.raises(QueueUnavailableError):
+        farm.steward.tick()
+    assert farm.queue.epoch() is None
 
 
 def test_old_workers_are_forgotten(farm: SmallFarm):

@@ -249,14 +249,14 @@ def test_assets_are_checked(store: Store):
 
 
 def test_sweep_takes_the_old_only(store: Store):
-    old, new, busy = (store.temporary / name for name in ("old", "new", "assembly-host-x"))
-    for folder in (old, new, busy):
+    old, new, abandoned = store.temporary / "old", store.temporary / "new", store.assembly_folder(new_job_id())
+    for folder in (old, new):
         folder.mkdir()
     store.put_idempotency("me", "key", "hash", new_job_id())
-    for path in (old, busy):
+    for path in (old, abandoned):
         os.utime(path, (0, 0))
-    assert store.sweep(60.0) == 1
-    assert sorted(store.temporary.iterdir()) == sorted([busy, new])
+    assert store.sweep(60.0) == 2
+    assert list(store.temporary.iterdir()) == [new]
     assert store.sweep(60.0, idempotency_s=-1.0) == 1
 
 

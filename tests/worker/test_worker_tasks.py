@@ -11,7 +11,8 @@ from worker_farm import SmallFarm
 
 from tracer.film.tile import decode_tile
 from worker import contract, jobs, tasks
-from worker.errors import StoreFullError
+from worker.context import WorkerContext
+from worker.errors import QueueUnavailableError, StoreFullError
 from worker.records import new_job_id
 from worker.states import JobState
 from worker.worker import FarmWorker
@@ -275,6 +276,23 @@ def test_hint_is_run_from_its_record(farm: SmallFarm):
     worker = FarmWorker(farm.worker())
     worker.execute_job(Job.fetch(hint, farm.queue.redis, serializer=JSONSerializer), worker.queues[1])
     assert farm.queue.progress(job_id).done == 1
+
+
+@pytest.mark.parametrize("error", [QueueUnavailableError(), StoreFullError(), RuntimeError()])
+def test_task_that_ends_by_an_exception_leaves_no_lease(
+    farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, error: Exception
+):
+    def stumble(context: WorkerContext, job_id: str) -> None:
+        assert context.lease_preparation(job_id)
+        raise error
+
+    job_id = farm.submit()
+    hint = farm.queue.redis.lrange("rq:queue:smalti-normal", 0, -1)[0].decode()
+    monkeypatch.setattr(tasks, "prepare", stumble)
+    worker = FarmWorker(farm.worker())
+    worker.execute_job(Job.fetch(hint, farm.queue.redis, serializer=JSONSerializer), worker.queues[1])
+    assert farm.queue.leases() == {}
+    assert farm.worker("w1").lease_preparation(job_id)
 
 
 def test_render_alone_writes_nothing(farm: SmallFarm):
