@@ -42,8 +42,8 @@ _INF: Final = float("inf")
 
 PLAN_BYTES: Final = 16
 FORESTS: Final = NODE_WIDTH - 1  # costs for 1 .. 7 roots
-# Costs relative to a node's visit, chosen and not fitted: other values tried differed by no more than noise. On AVX2 a leaf
-# takes its triangles four at a time.
+# Costs relative to a node's visit, chosen and not fitted: other values tried differed by no more than noise. On AVX2
+# a leaf takes its triangles four at a time.
 NODE_COST: Final = 1.0
 LEAF_COST: Final = 0.3
 CHUNK_COST: Final = 0.7
