@@ -39,7 +39,7 @@ from worker.errors import (
     IllegalTransitionError,
     JobNotFoundError,
 )
-from worker.records import JobEvent, JobRecord, check_job_id, check_owner, check_sha256, now
+from worker.records import JobEvent, JobRecord, check_job_id, now
 from worker.states import TERMINAL, JobState, allowed_from, can_transition
 from worker.uploads import Uploads
 
@@ -150,8 +150,7 @@ class Store(Uploads):
             raise JobNotFoundError(f"no job {job_id}") from None
         self._terminal.pop(job_id, None)
         if record is not None and record.idempotency_key_sha256 is not None:
-            path = self._idempotency / check_owner(record.owner) / check_sha256(record.idempotency_key_sha256)
-            path.unlink(missing_ok=True)
+            self.free_idempotency(record.owner, record.idempotency_key_sha256, job_id)
         files.fsync_folder(self._jobs)
         shutil.rmtree(grave, ignore_errors=True)
 

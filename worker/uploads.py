@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from worker import files
-from worker.errors import AssetNotFoundError, AssetTooLargeError, DamagedRecordError, HashMismatchError
+from worker.errors import AssetNotFoundError, AssetTooLargeError, BadNameError, DamagedRecordError, HashMismatchError
 from worker.records import check_job_id, check_owner, check_sha256, now
 
 
@@ -109,11 +109,28 @@ class Uploads:
         body = json.dumps({"request_sha256": request_sha256, "job_id": check_job_id(job_id), "at": now()}).encode()
         if files.create(path, body, self.temporary):
             return request_sha256, job_id
+        return _read_binding(path)
+
+    def free_idempotency(self, owner: str, key_sha256: str, job_id: str) -> None:
+        """Unbind a key from a job that is gone, unless another job has it by now (a key is swept after a day)."""
+        path = self._idempotency / check_owner(owner) / check_sha256(key_sha256)
         try:
-            first = json.loads(path.read_bytes())
-            return str(first["request_sha256"]), check_job_id(first["job_id"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise DamagedRecordError(f"idempotency record: {error}") from error
+            is_ours = _read_binding(path)[1] == job_id
+        except FileNotFoundError:
+            return
+        except (DamagedRecordError, BadNameError):
+            is_ours = True  # of no use to anybody
+        if is_ours:
+            path.unlink(missing_ok=True)
+
+
+def _read_binding(path: Path) -> tuple[str, str]:
+    """Return the hash of the request and the job id that a key is bound to."""
+    try:
+        first = json.loads(path.read_bytes())
+        return str(first["request_sha256"]), check_job_id(first["job_id"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise DamagedRecordError(f"idempotency record: {error}") from error
 
 
 def hash_key(key: str) -> str:

@@ -225,6 +225,25 @@ def test_deleted_job_is_gone_with_its_key(store: Store):
     assert not list(store.temporary.iterdir())
 
 
+@pytest.mark.parametrize("record", [None, "["])
+def test_deleting_a_job_leaves_the_key_of_a_newer_one(store: Store, record: str | None):
+    """A key is swept after a day and may belong to another job by the time that the first one is deleted."""
+    old = make_record(idempotency_key_sha256=hashlib.sha256(b"key").hexdigest())
+    store.put_idempotency("me", "key", "hash", old.id)
+    store.create_job(old, b"{}")
+    store.transition(old.id, JobState.FAILED, by="w")
+    store.sweep(60.0, idempotency_s=-1.0)
+    newer = new_job_id()
+    store.put_idempotency("me", "key", "hash", newer)
+    path = store.root / "idempotency" / "me" / hashlib.sha256(b"key").hexdigest()
+    if record is not None:
+        path.write_text(record)
+    store.delete_job(old.id)
+    assert path.exists() is (record is None)  # a damaged record is of no use to anybody
+    if record is None:
+        assert store.put_idempotency("me", "key", "hash", new_job_id()) == ("hash", newer)
+
+
 def test_first_key_wins(store: Store):
     first, second = new_job_id(), new_job_id()
     assert store.put_idempotency("me", "a key / with .. anything", "hash", first) == ("hash", first)
