@@ -263,13 +263,13 @@ def test_stopped_assembler_gives_its_jobs_back(farm: SmallFarm):
 
 def test_claim_is_kept_through_a_catch_up(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
     """Taking in many tiles at once takes longer than the claim lasts; meanwhile nobody else may begin."""
-    monkeypatch.setattr("worker.assembler._CLAIM_MS", 200)
+    monkeypatch.setattr("worker.assembler._CLAIM_MS", 500)
     job_id = render(farm, width=32, height=160)
     real = Assembly._take
     thefts = []
 
     def take_slowly(assembly: Assembly, data: bytes) -> None:
-        time.sleep(0.05)
+        time.sleep(0.04)
         real(assembly, data)
         thefts.append(farm.queue.claim(job_id, "another"))
 
