@@ -2,12 +2,12 @@
 
 Job: call the tracer's backend seam, and turn its errors into problems that a client understands.
 Invariant: the only module of the farm that imports the tracer's kernels and loaders.
-Source: architecture.md, "Three seams".
+See ARCHITECTURE.md, "Three seams".
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,15 @@ from numpy.typing import NDArray
 from tracer.jit import warm
 from tracer.loaders.errors import LoadError
 from tracer.render import Canceled, compile_cached, get_backend
+from tracer.render.cache import trim_cache
 from tracer.scene import AssetResolver, SceneDoc, SceneError
 from tracer.types import FilmBlocks
 from worker.backends import CanceledError, SceneFaultError
 from worker.tasks import scene_fault
+
+MAX_CACHE_BYTES: Final = 20 * 10**9
+"""Compiled scenes that this host keeps: hundreds of millions of triangles, or a thousand scenes of everyday size, and
+a small part of any disk that holds a store. Nothing is lost beyond it: what is gone is compiled again."""
 
 
 class TracerBackend:
@@ -48,6 +53,8 @@ class TracerBackend:
                 pointer=f"/scene{error.pointer}" if error.pointer else None,
                 expected=error.mend or None,
             ) from error
+        if not stats.from_cache:  # only then has the cache grown
+            trim_cache(cache / "scenes", MAX_CACHE_BYTES)
         return compiled, {**stats._asdict(), "triangles": stats.n_triangles, "bytes": stats.n_bytes}
 
     def render(

@@ -1,7 +1,7 @@
 """Compiled scenes on this host's disk: built once, mapped by every process.
 
 Invariants: an entry is named by everything that decides its bytes (scene with the hashes of its files, sources of
-the builder and the loaders, arithmetic of the backend), so it never goes stale and may be deleted at any time; it
+the whole tracer, arithmetic of the backend), so it never goes stale and may be deleted at any time; it
 appears whole, by a rename; one process builds while the others wait (flock); a damaged entry is built again.
 
 Layout of the cache's folder: `scenes/<key>.arrays`, `files/<key>.arrays` (loaded models and images, so that another
@@ -11,6 +11,7 @@ camera or material does not load them again), `bvh/<key>.arrays` (hierarchies by
 import fcntl
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
@@ -28,17 +29,10 @@ from tracer.render.sources import SceneFiles
 from tracer.scene import AssetResolver, SceneDoc, scene_hash
 from tracer.types import Bvh, CompiledScene, check_layout
 
-_BUILDER_SOURCES: Final = (
-    "types.py",
-    "arrayfile.py",
-    "film/develop.py",
-    "accel/build.py",
-    "scene",
-    "loaders",
-    "render",
-)
 _MIN_CACHED_BVH_TRIANGLES: Final = 2_000
 """Below, building the hierarchy is faster than hashing, writing and syncing it."""
+_ABANDONED_S: Final = 3600.0
+"""A file that was begun so long ago and has no name yet: whoever wrote it is dead, for writing takes seconds."""
 
 
 class HasArithmetic(Protocol):
@@ -184,7 +178,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def trim_cache(cache_dir: Path, max_bytes: int) -> int:
-    """Delete the entries that were not used for the longest time until the rest fits.
+    """Delete the entries that were not used for the longest time until the rest fits, and what dead processes began.
 
     Processes that have an entry mapped keep it: the file goes when the last of them lets go.
 
@@ -193,17 +187,24 @@ def trim_cache(cache_dir: Path, max_bytes: int) -> int:
     int
         Bytes that were freed.
     """
+    freed = 0
+    for path in Path(cache_dir).glob("*/.*.part"):
+        with suppress(OSError):
+            status = path.stat()
+            if time.time() - status.st_mtime > _ABANDONED_S:
+                path.unlink()
+                freed += status.st_size
     entries = []
     for path in Path(cache_dir).glob("*/*.arrays"):
         with suppress(OSError):
             status = path.stat()
             entries.append((status.st_mtime_ns, status.st_size, path))
     excess = sum(size for _, size, _ in entries) - max_bytes
-    freed = 0
     for _, size, path in sorted(entries):
-        if freed >= excess:
+        if excess <= 0:
             break
         with suppress(OSError):
             path.unlink()
             freed += size
+            excess -= size
     return freed

@@ -5,6 +5,7 @@ companions whose hashes it names are opened, so that the document alone decides 
 """
 
 import hashlib
+import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -110,6 +111,8 @@ class SceneFiles:
                 self._images[ref.name] = open_image(path)
         except (OSError, ArrayFileError, KeyError):
             return False
+        with suppress(OSError):
+            os.utime(path)  # `trim_cache` lets go of what was not used for the longest time
         return True
 
     def _put_into_cache(self, kind: str, ref: AssetRef, loaded: MeshData | NDArray[np.uint8]) -> None:

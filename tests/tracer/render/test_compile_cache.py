@@ -197,6 +197,19 @@ def test_trimming_lets_the_oldest_go(tmp_path):
     assert trim_cache(tmp_path / "cache", 0) == 200
 
 
+def test_trimming_removes_what_dead_processes_began(tmp_path):
+    folder = tmp_path / "cache" / "bvh"
+    folder.mkdir(parents=True)
+    old, new = folder / ".a.arrays.x.part", folder / ".b.arrays.y.part"
+    for path in (old, new):
+        path.write_bytes(bytes(100))
+    hours_ago = time.time() - 2 * 3600
+    os.utime(old, (hours_ago, hours_ago))
+    (folder / "kept.arrays").write_bytes(bytes(100))
+    assert trim_cache(tmp_path / "cache", 100) == 100
+    assert [path.name for path in sorted(folder.iterdir())] == [new.name, "kept.arrays"]
+
+
 def test_a_warm_small_scene_takes_a_millisecond_or_two(tmp_path):
     scene = document(TRIANGLE)
     times = []
