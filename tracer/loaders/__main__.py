@@ -83,7 +83,8 @@ def _close_doors(folders: list[str]) -> None:
     """Refuse sockets, programs, and files outside the given folders and Python's own."""
     roots = [*folders, sys.prefix, sys.base_prefix, sys.exec_prefix, *(path for path in sys.path if path)]
     allowed = tuple({os.path.join(os.path.abspath(root), "") for root in roots})  # noqa: PTH100, PTH118 - lexical
-    system = ("/dev/null", "/dev/urandom", "/usr/lib/", "/usr/share/zoneinfo", "/lib/", "/proc/self/", "/etc/ld.so")
+    # Nothing of /proc: /proc/self/root and cwd lead to every file, and /proc/self/environ tells secrets.
+    system = ("/dev/null", "/dev/urandom", "/usr/lib/", "/usr/share/zoneinfo", "/lib/", "/etc/ld.so")
 
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":

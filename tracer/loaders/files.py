@@ -86,17 +86,24 @@ class ModelFile:
         shown = name if len(name) <= 100 else name[:97] + "..."
         if _SCHEME.match(name) or name.startswith(("/", "\\")):
             raise CompanionError(f"{shown!r} is an address or an absolute path, which is never opened")
-        relative = posixpath.normpath(unquote(name).replace("\\", "/").strip())
-        if relative.startswith(("../", "/")) or relative in {"..", "."} or _SCHEME.match(relative) or "\0" in relative:
-            raise CompanionError(f"{shown!r} lies outside the model's folder and is never opened")
-        if self._allowed is not None and relative not in self._allowed:
-            raise CompanionError(f"{shown!r} is missing")
-        path = self._folder / relative
+        # glTF encodes names with percent signs, and many exporters do not, or name a file that has one.
+        candidates = list(dict.fromkeys(_relative(text, shown) for text in (unquote(name), name)))
         try:
-            if not path.is_file():
-                raise CompanionError(f"{shown!r} is missing")
-            if path.stat().st_size > self.limits.file_bytes:
-                raise CompanionError(f"{shown!r} is larger than {self.limits.file_bytes} bytes")
-            return path.read_bytes()
+            for relative in candidates:
+                path = self._folder / relative
+                if (self._allowed is not None and relative not in self._allowed) or not path.is_file():
+                    continue
+                if path.stat().st_size > self.limits.file_bytes:
+                    raise CompanionError(f"{shown!r} is larger than {self.limits.file_bytes} bytes")
+                return path.read_bytes()
         except OSError as error:
             raise CompanionError(f"{shown!r} cannot be read ({os.strerror(error.errno or 0)})") from None
+        raise CompanionError(f"{shown!r} is missing")
+
+
+def _relative(text: str, shown: str) -> str:
+    """Return the name of a file in the model's folder, as the system spells it."""
+    relative = posixpath.normpath(text.replace("\\", "/").strip())
+    if relative.startswith(("../", "/")) or relative in {"..", "."} or _SCHEME.match(relative) or "\0" in relative:
+        raise CompanionError(f"{shown!r} lies outside the model's folder and is never opened")
+    return relative

@@ -84,6 +84,8 @@ def _stand_in(monkeypatch, tmp_path, body):
         ("def load_obj(f, d): import os; os.system('true')", "PermissionError"),
         ("def load_obj(f, d): open('/etc/hostname')", "opens no file outside the model's folder"),
         ("def load_obj(f, d): open('/etc/../etc/passwd')", "opens no file outside the model's folder"),
+        ("def load_obj(f, d): open('/proc/self/root/etc/hostname')", "opens no file outside the model's folder"),
+        ("def load_obj(f, d): open('/proc/self/environ')", "opens no file outside the model's folder"),
         ("def load_obj(f, d): print('{\"index\": 0}', flush=True); import os; os._exit(0)", "was lost on its way"),
     ],
 )

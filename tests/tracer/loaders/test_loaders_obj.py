@@ -149,7 +149,16 @@ def test_textures(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["../secret.png", "/etc/hostname", "..\\secret.png", "file:///etc/hostname", "http://x/y.png", "C:\\x.png"]
+    "name",
+    [
+        "../secret.png",
+        "%2e%2e/secret.png",
+        "/etc/hostname",
+        "..\\secret.png",
+        "file:///etc/hostname",
+        "http://x/y.png",
+        "C:\\x.png",
+    ],
 )
 def test_nothing_outside_the_folder_is_opened(tmp_path, name):
     (tmp_path / "secret.png").write_bytes(png_bytes())
@@ -169,6 +178,16 @@ def test_with_a_list_of_companions_nothing_else_is_opened(tmp_path):
     assert len(_load(tmp_path, text, ["./a.mtl"]).images) == 0
     assert len(_load(tmp_path, text, ["a.mtl"]).materials) == 1
     assert len(_load(tmp_path, text, []).materials) == 0
+
+
+@pytest.mark.parametrize("on_disk", ["50% grey.png", "50%25%20grey.png"])
+def test_names_with_percent_signs_decoded_or_as_they_are(tmp_path, on_disk):
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd 50%25%20grey.png\n")
+    (tmp_path / on_disk).write_bytes(png_bytes())
+    text = "mtllib a.mtl\n" + _SQUARE + "usemtl m\nf 1 2 3\n"
+    assert len(_load(tmp_path, text, ["a.mtl", on_disk]).images) == 1
+    assert len(_load(tmp_path, text).images) == 1
+    assert len(_load(tmp_path, text, ["a.mtl"]).images) == 0
 
 
 def test_library_names_with_spaces_and_several_libraries(tmp_path):
