@@ -197,7 +197,7 @@ class Client:
         given = {"state": state, "cursor": cursor, "limit": limit}
         params = {key: value for key, value in given.items() if value is not None}
         data = self.transport.json_object(self.transport.request("GET", "/v1/jobs", params=params))
-        entries = data.get("jobs", data.get("items", []))
+        entries = data.get("jobs", [])
         return JobPage(jobs=tuple(self._job(entry) for entry in entries), next_cursor=data.get("next_cursor"))
 
     def watch(self, job_id: str, *, timeout_s: float | None = None) -> Iterator[Job]:

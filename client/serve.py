@@ -10,8 +10,6 @@ from typing import Any
 
 from client.errors import SmaltiError, UsageError
 
-DEFAULT_PORT = 8000
-
 
 def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     """Run the supervisor until it is told to stop.
@@ -37,8 +35,6 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     from worker.supervisor import Supervisor
 
     settings_given = {key: value for key, value in given.items() if value is not None}
-    if "SMALTI_PORT" not in os.environ:
-        settings_given.setdefault("port", DEFAULT_PORT)
     try:
         settings = FarmSettings(**settings_given)
     except ValidationError as error:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.film.develop import develop
+from tracer.film.tile import Rect, blocks_of_rect
 from tracer.render.backend import Backend, Canceled, get_backend
 from tracer.render.cache import compile_cached
 from tracer.render.compile import CompileStats, compile_scene
@@ -57,10 +58,7 @@ def list_blocks(compiled: CompiledScene) -> NDArray[np.int32]:
     -------
     int32 (n, 2)
     """
-    x, y, width, height = window_of(compiled)
-    bx = np.arange(x // BLOCK_PX, -(-(x + width) // BLOCK_PX), dtype=np.int32)
-    by = np.arange(y // BLOCK_PX, -(-(y + height) // BLOCK_PX), dtype=np.int32)
-    return np.stack(np.meshgrid(bx, by), axis=-1).reshape(-1, 2)
+    return blocks_of_rect(Rect(*window_of(compiled)))
 
 
 def window_of(compiled: CompiledScene) -> tuple[int, int, int, int]:
