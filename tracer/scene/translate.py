@@ -1,6 +1,7 @@
 """pydantic's errors to faults: JSON pointers without union tags, and texts in the words of the document.
 
-Invariant: each error gives at least one fault, whose pointer leads into the document as given.
+Invariant: each error gives at least one fault, whose pointer leads into the document as given; save those that only
+say that a default was not made because of another error, which is told itself.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,6 +27,8 @@ _UNIONS: tuple[tuple[object, ...], ...] = (
 def faults_of(error: ValidationError, document: object) -> Iterator[Fault]:
     """Faults of a failed validation of `document` (plain values)."""
     for details in error.errors(include_url=False):
+        if details["type"] == "default_factory_not_called":
+            continue  # about a member that is left out and whose default follows another one, which has its own error
         tokens = _path(details["loc"], document)
         yield from _faults(details, tokens, document)
 

@@ -160,6 +160,12 @@ def test_view_plane_cameras(camera: dict[str, Any], told: list[str]) -> None:
     assert list(faults_of({**MINIMAL, "camera": {**base, **camera}})) == told
 
 
+def test_a_wrong_kd_is_no_fault_of_the_ka_that_was_left_out() -> None:
+    document = full()
+    document["materials"]["red"] = {"kd": [1, 2]}
+    assert list(faults_of(document)) == ["/materials/red/kd"]
+
+
 def test_missing_and_unknown_members() -> None:
     document = full()
     del document["camera"]["fov_deg"]
