@@ -6,7 +6,7 @@ eq. 17, the original's sample positions) and with the pictures themselves; write
 
 Measure: RMSE over all channels of 8-bit levels. Every picture is quantised in the same way, the original's: clamp,
 times 255, truncate; pictures made here are rounded to float32 first, as a film is. Source of the bounds: the table
-"How close must a renderer come" of ``../shared/seed/README.md``.
+"How close must a renderer come" of ``seed/README.md`` in the data folder.
 """
 
 import json
@@ -116,8 +116,8 @@ and with the original program's own pictures. RMSE over all channels, 0 to 255; 
 - *original's rules*: pixels in which the oracle, with the original's rules and sample positions, differs from the
   original's picture, and by how many levels (bound: 8 pixels, one level).
 - *Smalti / oracle*: against the oracle with the unit normal in equation 17 and the original's sample positions. Bound:
-  1.1 x the row "other random sample positions" of `../shared/seed/README.md`, 16 samples; for the ambient and the
-  2-sample image that table has no number, and the row is measured here by the same definition (the original's rules,
+  1.1 x the row "other random sample positions" of `seed/README.md` in the data folder, 16 samples; for the ambient and
+  the 2-sample image that table has no number, and the row is measured here by the same definition (the original's rules,
   median of three other seeds).
 - *Smalti / original*: against the original's picture. Bound 2.0 where there is no mirror. With mirrors a correct
   renderer differs, because the original reflects about normals that are not unit: by about as much as the

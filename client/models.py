@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 TERMINAL_STATES = frozenset({"succeeded", "failed", "canceled", "expired"})
-"""States that never change again (service.md, "States")."""
+"""States that never change again."""
 
 
 def _number(value: Any) -> float | None:

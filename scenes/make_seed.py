@@ -2,7 +2,7 @@
 
 Job: ``reference_scenes.json`` in, nine scene documents v1 out. Invariant: positions, normals (raw, neither unit nor
 perpendicular), colours and reflection factors are the given numbers, unrounded; only equal vertices are merged.
-Source: ``../shared/seed/README.md`` (facts of WhoFama24/cse6413-raytracer, commit 167f0b0).
+Source: ``seed/README.md`` in the data folder (facts of WhoFama24/cse6413-raytracer, commit 167f0b0).
 
 Run ``python -m scenes.make_seed`` after a change here; the results are committed.
 

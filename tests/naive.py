@@ -3,7 +3,7 @@
 Job: the report's equations, one after another, in numpy over arrays of rays and by brute force over primitives, so that
 kernels can be compared with it ray by ray and image by image. Invariant: nothing of ``tracer`` is imported, no
 acceleration, no shared formula: if the two agree, they agree for a reason. Source: Farmer 2019, equations 1 to 18
-(``[farmer2019 eq. N]``), and the rules of ``../shared/seed/README.md`` for the original program's habits.
+(``[farmer2019 eq. N]``), and the original program's habits as ``seed/README.md`` in the data folder has them.
 
 Vectors are arrays of shape ``(3, n)``, one column per ray; rays are ``origin + t direction`` with a direction of any
 length, and ``t`` counts in lengths of the direction. Colours are linear, unclamped ``(3, n)``.

@@ -1,6 +1,6 @@
 """Pictures from the oracle: sample positions, the mean over samples, 8-bit levels, and the measure of difference.
 
-Job: what surrounds ``tests.naive.trace``. Invariant: nothing of ``tracer`` is imported. Source: ``../shared/seed/README.md``.
+Job: what surrounds ``tests.naive.trace``. Invariant: nothing of ``tracer`` is imported.
 """
 
 import random

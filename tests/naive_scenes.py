@@ -1,7 +1,7 @@
 """Scenes for the oracle: the nine of ``reference_scenes.json``, and small scene documents v1.
 
 Job: plain dicts in, ``tests.naive.Scene`` out. Invariant: nothing of ``tracer`` is imported; defaults of the document are
-written down here a second time. Source: ``../shared/seed/README.md`` and the scene document's description.
+written down here a second time. Source: ``seed/README.md`` in the data folder and the scene document's description.
 """
 
 import math

@@ -3,7 +3,7 @@
 Job: replay the store's events after `Last-Event-ID`, then follow; progress in between.
 Invariant: ids are the store's event numbers, so they are monotonic and a resume misses nothing; progress has no id, so
 it never moves the point of resumption; nothing follows the terminal event.
-Source: service.md, "HTTP"; the HTML standard, server-sent events (204 tells a client not to reconnect).
+Source: the HTML standard, server-sent events (204 tells a client not to reconnect).
 """
 
 from collections.abc import AsyncIterator

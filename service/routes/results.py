@@ -2,7 +2,6 @@
 
 Job: send files of the store with validators, digests and ranges.
 Invariant: a result is there only once the job has succeeded; before, 409 tells the state. Only the preview comes early.
-Source: service.md, "HTTP".
 """
 
 import hashlib

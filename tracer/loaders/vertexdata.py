@@ -2,7 +2,7 @@
 
 One object: `vertexdata`, a flat list of numbers, eight to a vertex (x y z nx ny nz u v, v upwards); `indexdata`, a flat
 list of vertex numbers, three to a triangle; `groups`, name to [first, end) in triangles. Source: the seed's page
-(`../shared/seed/README.md`), which also tells where the original's loader misread it.
+(`seed/README.md` in the data folder), which also tells where the original's loader misread it.
 """
 
 import json
