@@ -44,7 +44,6 @@ class FarmSettings(BaseSettings):
     api: bool = Field(default=True, description="Whether the supervisor runs the HTTP API.")
     steward: bool = Field(default=True, description="Whether the supervisor runs steward and assembler.")
     backend: str = Field(default="cpu", description="Backend that renders; 'fake' is for tests of the farm.")
-    tile_size: int = Field(default=64, ge=16, le=512, multiple_of=16, description="Edge of a tile by default, px.")
     nice: int = Field(default=10, ge=0, le=19, description="Niceness of workers: the API answers beside busy kernels.")
     ready_file: Path | None = Field(default=None, description="File that gets {url, redis_url, pid} once all is up.")
     log_file: Path | None = Field(default=None, description="File for the logs instead of stderr.")
