@@ -5,8 +5,6 @@ reaches the service; a given hash is checked, never replaced; nothing is fetched
 """
 
 import hashlib
-import json
-import math
 import os
 import re
 import sys
@@ -14,10 +12,10 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from client.companions import RemoteUriError, discover_companions
-from client.errors import AssetError, Fault, SceneInvalidError, UsageError
+from client.errors import AssetError, Fault, UsageError
 
 DEFAULT_DATA = "../shared"
 SEED_REPOSITORY = "WhoFama24/cse6413-raytracer"
@@ -94,7 +92,7 @@ def read_scene(source: Path | str) -> tuple[dict[str, Any], Path]:
     UsageError
         When the file cannot be read.
     SceneInvalidError
-        When it is not a JSON object, names a key twice, or holds NaN or Infinity.
+        When it is not a JSON object, names a key twice, or holds NaN or Infinity: with every fault of the document.
     """
     path = Path(source)
     try:
@@ -106,48 +104,10 @@ def read_scene(source: Path | str) -> tuple[dict[str, Any], Path]:
 
 
 def parse_document(text: bytes | str, label: str = "scene") -> dict[str, Any]:
-    """Parse a scene document strictly; see `read_scene` for the errors."""
-    try:
-        document = json.loads(
-            text.decode("utf-8-sig") if isinstance(text, bytes) else text,
-            object_pairs_hook=_object,
-            parse_constant=_refuse_constant,
-            parse_float=_finite_float,
-        )
-    except json.JSONDecodeError as error:
-        fault = Fault("", f"line {error.lineno}, column {error.colno}: {error.msg}", "a JSON document (RFC 8259)")
-        raise SceneInvalidError(f"{label} is not JSON", faults=[fault]) from error
-    except UnicodeDecodeError as error:
-        raise SceneInvalidError(f"{label} is not UTF-8 text", faults=[Fault("", str(error), "UTF-8 text")]) from error
-    except RecursionError as error:
-        fault = Fault("", "nested too deep", "at most 64 levels")
-        raise SceneInvalidError(f"{label} is not a scene document", faults=[fault]) from error
-    except ValueError as error:
-        raise SceneInvalidError(f"{label} is not a scene document", faults=[Fault("", str(error))]) from error
-    if not isinstance(document, dict):
-        fault = Fault("", f"a JSON {type(document).__name__}", 'an object such as {"version": 1, ...}')
-        raise SceneInvalidError(f"{label} is not a scene document", faults=[fault])
-    return document
+    """Parse a scene document strictly, with the tracer's parser; see `read_scene` for the errors."""
+    from client.local import parse_text
 
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {twice!r} is given twice in one object")
-    return result
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number; numbers must be finite")
-
-
-def _finite_float(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"the number {text[:40]} is out of range; numbers must be finite")
-    return value
+    return parse_text(text, label)
 
 
 def prepare_scene(document: Mapping[str, Any], folder: Path | None = None) -> PreparedScene:

@@ -50,11 +50,31 @@ def parse_prepared(prepared: PreparedScene) -> "SceneDoc":
         raise scene_invalid(error) from error
 
 
-def scene_invalid(error: "SceneError") -> SceneInvalidError:
+def parse_text(text: bytes | str, label: str) -> dict[str, Any]:
+    """Parse JSON text to plain values; what the text itself has wrong is told with all that the document has wrong.
+
+    Raises
+    ------
+    SceneInvalidError
+        With every fault, in the words of the service.
+    """
+    from tracer.scene import SceneError, parse_scene
+    from tracer.scene.text import load_json, plain
+
+    try:
+        document, faults = plain(load_json(text))
+        if faults or not isinstance(document, dict):
+            parse_scene(text)
+    except SceneError as error:
+        raise scene_invalid(error, label) from error
+    return dict(document)
+
+
+def scene_invalid(error: "SceneError", label: str = "the scene document") -> SceneInvalidError:
     """Return the client's error for a scene that the tracer refused."""
     faults = [Fault(*fault) for fault in error.faults]
     count = "a fault" if len(faults) == 1 else f"{len(faults)} faults"
-    return SceneInvalidError(f"the scene document has {count}", faults=faults)
+    return SceneInvalidError(f"{label} has {count}", faults=faults)
 
 
 def validate_document(prepared: PreparedScene) -> dict[str, Any]:

@@ -138,22 +138,25 @@ def test_odd_names_are_faults_not_crashes(tmp_path: Path, file: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "pointer", "told", "expected"),
     [
-        (b"{", "line 1, column 2"),
-        (b"\xff\xfe{}", "utf-8"),
-        (b"[]", "a JSON list"),
-        (b'{"a": 1, "a": 2}', "given twice"),
-        (b'{"a": NaN}', "finite"),
-        (b'{"a": -Infinity}', "finite"),
-        (b'{"a": 1e999}', "out of range"),
-        (b"[" * 200_000, ""),
+        (b"{", "", "line 1, column 2", "one JSON object"),
+        (b"\xff\xfe{}", "", "is not UTF-8", "JSON text in UTF-8"),
+        (b"[]", "", "an array of 0 items", "a JSON object"),
+        (b'{"a": {"b": 1, "b": 2}}', "/a/b", "stands twice", "each key once"),
+        (b'{"image": {"width": NaN}}', "/image/width", "is NaN", "a finite number"),
+        (b'{"lights": [{"intensity": -Infinity}]}', "/lights/0/intensity", "infinite", "a finite number"),
+        (b'{"camera": {"fov_deg": 1e999}}', "/camera/fov_deg", "beyond", "a finite number"),
+        (b"[" * 200_000, "", "nests deeper", "levels"),
     ],
 )
-def test_what_is_no_scene_document_is_told(text: bytes, told: str) -> None:
-    with pytest.raises(SceneInvalidError) as caught:
-        parse_document(text)
-    assert told in caught.value.faults[0].message
+def test_what_is_no_scene_document_is_told(text: bytes, pointer: str, told: str, expected: str) -> None:
+    with pytest.raises(SceneInvalidError, match=r"^my\.json has") as caught:
+        parse_document(text, "my.json")
+    fault = caught.value.faults[0]
+    assert fault.pointer == pointer
+    assert told in fault.message
+    assert expected in fault.expected
     assert caught.value.exit_code == 3
 
 
