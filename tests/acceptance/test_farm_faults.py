@@ -201,13 +201,13 @@ def test_tile_that_kills_every_worker_fails_the_job(farm: RealFarm):
 
 
 def test_worker_drains_on_sigterm(farm: RealFarm, undisturbed: str):
-    job_id = farm.submit("fake tile_s=2", 64, 32, tile_size=32)
+    job_id = farm.submit("fake tile_s=5", 64, 32, tile_size=32)
     farm.until(lambda: leased_to(farm, "worker-0"))
     began = time.monotonic()
     process = farm.supervisor.children["worker-0"].process
     farm.kill("worker-0", signal.SIGTERM)
     assert process.wait(DRAIN_S) == 0
-    assert time.monotonic() - began < 1.5  # and not the 2 s of the tile
+    assert time.monotonic() - began < 4.0  # and not the 5 s of the tile
     assert film_of(farm, job_id)
     assert [e.type for e in farm.store.events(job_id)].count("tile_lost") == 0
 
