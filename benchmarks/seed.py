@@ -117,8 +117,8 @@ and with the original program's own pictures. RMSE over all channels, 0 to 255; 
   original's picture, and by how many levels (bound: 8 pixels, one level).
 - *Smalti / oracle*: against the oracle with the unit normal in equation 17 and the original's sample positions. Bound:
   1.1 x the row "other random sample positions" of `seed/README.md` in the data folder, 16 samples; for the ambient and
-  the 2-sample image that table has no number, and the row is measured here by the same definition (the original's rules,
-  median of three other seeds).
+  the 2-sample image that table has no number, and the row is measured here by the same definition (the original's
+  rules, median of three other seeds).
 - *Smalti / original*: against the original's picture. Bound 2.0 where there is no mirror. With mirrors a correct
   renderer differs, because the original reflects about normals that are not unit: by about as much as the
   *oracle / original* column says.
