@@ -6,8 +6,6 @@ the CPU: an edit is a new directory, and several versions live side by side.
 
 Kernels release the GIL, divide as numpy does, raise nothing, and are never compiled with ``fastmath`` or contraction:
 the geometry's exact predicates would lose hits.
-
-Source: ``../shared/design/architecture.md`` ("Numba facts").
 """
 
 import fcntl

@@ -9,7 +9,7 @@ Invariants
 * Primitive ids: triangles first (``0 <= id < n_triangles``), then finite shapes (``n_triangles + shape``), then
   infinite planes (``n_triangles + n_shapes + plane``). Equal distances are won by the lowest id.
 
-Source: ``../shared/design/architecture.md`` ("Types"); equations are those of [farmer2019].
+Equations are those of [farmer2019].
 """
 
 from typing import Final, NamedTuple

@@ -9,7 +9,7 @@ contiguous; the depth is at most `MAX_DEPTH` - 1, because a node whose depth plu
 the middle from there on. The tree depends on the records' order alone, never on the number of threads.
 
 Source: Wald 2007 (binning); the branch-free partition (Lomuto's, with the children's bounds fused in) is 1.3-2.4 times
-as fast as Hoare's, ``../shared/design/core.md``.
+as fast as Hoare's.
 """
 
 from typing import Any, Final

@@ -4,7 +4,7 @@ A box's interval is [max near, min far]. With the far parameters negated all fou
 1) take the same steps: subtract, multiply, keep the larger. A comparison with NaN is False, so a plane across which
 the ray does not move and in which it starts leaves the interval as it is.
 
-Sources: Kay and Kajiya 1986; Williams et al. 2005 (planes chosen by sign), with the NaN rule of ``accuracy.md``.
+Sources: Kay and Kajiya 1986; Williams et al. 2005 (planes chosen by sign).
 """
 
 import math

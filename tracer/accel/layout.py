@@ -21,8 +21,6 @@ Invariants
   lowest id wins; the ray caster derives u and v for the given order.
 * A leaf row may be read `LEAF_TRIANGLES` values wide from any of its chunks: the buffer ends with `PADDING` bytes.
 * The depth is at most `MAX_DEPTH`: so a traversal never needs more than `STACK_ENTRIES` postponed children.
-
-Source: ``../shared/design/core.md`` ("How", "Exactness at speed").
 """
 
 from typing import Final

@@ -2,8 +2,6 @@
 
 Invariants: the tree depends on vertices and faces alone, never on the number of threads; the result is one flat buffer
 as :mod:`tracer.accel.layout` says, with its depth checked, that can be written to a file and mapped again.
-
-Source: ``../shared/design/core.md``.
 """
 
 import hashlib

@@ -12,7 +12,6 @@ from tracer.jit import inline
 
 EPSILON: Final = 2.0**-53  # unit roundoff of float64: the largest relative error of one rounding to nearest
 SMALLEST: Final = 5e-324  # smallest positive float64
-LARGEST: Final = 1.7976931348623157e308
 _SPLITTER: Final = 134217729.0  # 2^27 + 1, Veltkamp's constant for 53 bits
 _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 

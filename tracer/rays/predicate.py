@@ -23,7 +23,7 @@ t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their rang
 ``(3 * 2**-24 + 4 eps) (range)`` of the value for exact arithmetic on the same x, y, z, and mostly much closer (half an
 ulp of t at the median).
 
-Source: ``../shared/design/core.md`` ("Exactness at speed"); Edelsbrunner and Muecke 1990 (ties).
+Source: Edelsbrunner and Muecke 1990 (ties).
 """
 
 from typing import Any, Final

@@ -4,8 +4,6 @@ A stack entry is ``bits(near) << 32 | child word``: non-negative floats order as
 comparison orders children by distance, and drops an entry that a nearer hit has overtaken.
 
 Invariant: at most `STACK_ENTRIES` entries wait, which the builder's depth bound guarantees.
-
-Source: ``../shared/design/core.md`` ("How": branch on the number of children hit, sort two to four by minima).
 """
 
 from typing import Any, Final

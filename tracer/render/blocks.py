@@ -4,7 +4,7 @@ Invariants: a pixel's sums depend on the scene, the pixel and the sample range a
 or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once. The cancel flag
 is read before every row of a block and every 512 samples of a pixel, so a cancel is seen within a few milliseconds.
 
-Sources: Neumaier 1974 (summation); ``../shared/design/architecture.md`` ("Three seams").
+Source: Neumaier 1974 (summation). See ARCHITECTURE.md, "Three seams".
 """
 
 from typing import Final

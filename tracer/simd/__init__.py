@@ -16,8 +16,6 @@ Invariants
 The pieces: `types` (the vector types), `arithmetic` (operators, fma, minimum, conversions), `lanes` (masks, select,
 permute, compress, reductions), `memory` (addresses, loads and stores, stack memory, gather), `elementary` (exp, log,
 pow, sine, cosine), `features` (what the CPU offers).
-
-Source: ``../shared/design/core.md`` ("How").
 """
 
 from tracer.simd.arithmetic import (
