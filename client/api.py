@@ -183,9 +183,13 @@ class Client:
         ------
         SceneInvalidError
             With every fault.
+        AssetError
+            When a file is neither here nor there.
         """
-        body = self._body(self._prepare(scene), output=output)
+        prepared = self._prepare(scene)
+        body = self._body(prepared, output=output)
         response = self.transport.request("POST", "/v1/jobs", params={"validate_only": "true"}, json=body)
+        self._find_missing(prepared, prepared.absent)
         return self.transport.json_object(response)
 
     def status(self, job_id: str) -> Job:
@@ -326,15 +330,20 @@ class Client:
         AssetError
             When a file is neither here nor there.
         """
-        missing = self.missing_assets([*prepared.uploads, *prepared.absent])
-        nowhere = [digest for digest in missing if digest not in prepared.uploads]
-        if nowhere:
-            raise absent_error(prepared, nowhere)
+        missing = self._find_missing(prepared, [*prepared.uploads, *prepared.absent])
         for digest in missing:
             self.put_asset(prepared.uploads[digest], digest)
         return len(missing)
 
     # Inside
+
+    def _find_missing(self, prepared: PreparedScene, hashes: Iterable[str]) -> tuple[str, ...]:
+        """Those of the scene's files that the service does not have; `AssetError` where they are not here either."""
+        missing = self.missing_assets(hashes)
+        nowhere = [digest for digest in missing if digest not in prepared.uploads]
+        if nowhere:
+            raise absent_error(prepared, nowhere)
+        return missing
 
     def _prepare(self, scene: Path | str | Mapping[str, Any] | PreparedScene) -> PreparedScene:
         if isinstance(scene, PreparedScene):

@@ -8,7 +8,7 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -225,8 +225,9 @@ def _data_hint() -> str:
     )
 
 
-def absent_error(prepared: PreparedScene, hashes: list[str]) -> AssetError:
-    """Return the error for files that neither this machine nor the service has."""
+def absent_error(prepared: PreparedScene, hashes: Iterable[str], *, asked: bool = True) -> AssetError:
+    """Return the error for files that are not on this machine, nor, where it was `asked`, at the service."""
     faults = [prepared.absent[digest] for digest in hashes]
     hint = _data_hint() if any(_is_seed(fault.message) for fault in faults) else ""
-    return AssetError("a file of the scene is neither here nor at the service", faults=faults, hint=hint)
+    place = "neither here nor at the service" if asked else "not here"
+    return AssetError(f"a file of the scene is {place}", faults=faults, hint=hint)

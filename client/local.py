@@ -78,10 +78,18 @@ def scene_invalid(error: "SceneError", label: str = "the scene document") -> Sce
 
 
 def validate_document(prepared: PreparedScene) -> dict[str, Any]:
-    """Check a scene here; returns what can be said without a service."""
+    """Check a scene and that its files are here; returns what can be said without a service.
+
+    Raises
+    ------
+    SceneInvalidError, AssetError
+        With every fault.
+    """
     from tracer.scene import scene_hash
 
     scene = parse_prepared(prepared)
+    if prepared.absent:
+        raise absent_error(prepared, prepared.absent, asked=False)
     image = scene.image
     return {
         "scene_sha256": scene_hash(scene),
@@ -200,7 +208,7 @@ def _render(scene: "SceneDoc", prepared: PreparedScene, threads: int, *, quiet: 
 
     def resolve(asset: AssetRef) -> Path:
         if asset.name not in prepared.files:
-            raise absent_error(prepared, [str(asset.sha256)])
+            raise absent_error(prepared, [str(asset.sha256)], asked=False)
         return prepared.files[asset.name].absolute()
 
     def work() -> None:

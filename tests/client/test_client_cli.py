@@ -1,5 +1,6 @@
 """The command line: output, exit codes, pipes."""
 
+import hashlib
 import json
 import os
 import subprocess
@@ -141,6 +142,20 @@ def test_a_missing_file_is_told_with_the_mend(smalti: Any, tmp_path: Path) -> No
     assert result.exit_code == 3
     assert "/assets/mini/file" in result.stderr
     assert "WhoFama24/cse6413-raytracer" in result.stderr
+
+
+@pytest.mark.parametrize("options", [("--local",), ()])
+def test_a_scene_whose_file_is_nowhere_is_not_valid(
+    smalti: Any, fake: Any, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    assets = {"m": {"file": "gone.ply", "sha256": hashlib.sha256(b"mesh").hexdigest()}}
+    (tmp_path / "s.json").write_text(json.dumps({**SCENE, "assets": assets}))
+    result = smalti("validate", tmp_path / "s.json", *options)
+    assert result.exit_code == 3
+    assert "/assets/m/file" in result.stderr
+    assert "valid" not in result.stdout
+    fake.assets[assets["m"]["sha256"]] = b"mesh"
+    assert smalti("validate", tmp_path / "s.json", *options).exit_code == (3 if options else 0)
 
 
 def test_status_for_people_and_for_scripts(smalti: Any, fake: Any) -> None:
