@@ -261,7 +261,13 @@ class Client:
         return self.transport.json_object(self.transport.request("GET", f"{self._path(job_id)}/scene"))
 
     def cancel(self, job_id: str) -> Job:
-        """Stop a job; what it has rendered is dropped."""
+        """Stop a job; what it has rendered is dropped. One that is canceled already stays so.
+
+        Raises
+        ------
+        ConflictError
+            When it has succeeded or failed.
+        """
         response = self.transport.request("POST", f"{self._path(job_id)}/cancel")
         return self._job(self.transport.json_object(response)) if response.content else self.status(job_id)
 

@@ -27,6 +27,7 @@ from service.validation import ParsedJob, parse_job
 from service.views import Snapshot, job_url, read_page, read_snapshot
 from tracer.scene.faults import pointer_of
 from worker import jobs
+from worker.errors import IllegalTransitionError
 from worker.states import TERMINAL, JobState
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
@@ -89,7 +90,14 @@ async def create_job(
         ),
     ] = None,
     prefer: Annotated[
-        str | None, Header(description="`wait=1` to `wait=60`: answer when the job has ended.", examples=["wait=30"])
+        str | None,
+        Header(
+            description=(
+                "`wait=1` to `wait=60`: answer when the job has ended. Longer ones count as 60; what is no such wait, "
+                "as `wait=0` or `wait=abc`, is ignored [RFC 7240], and the answer lacks `Preference-Applied`."
+            ),
+            examples=["wait=30"],
+        ),
     ] = None,
 ) -> Response:
     """Accept a job, durably, and answer at once; or wait for its end if asked to."""
@@ -270,17 +278,24 @@ async def get_job(request: Request, context: InContext, job_id: JobId) -> Respon
     response_model=JobView,
     responses={
         202: {
-            "description": "It is being canceled, or is canceled already.",
+            "description": "It is being canceled, or is canceled already: `state` tells.",
             **examples.answer({**examples.JOB_RUNNING, "state": "canceling"}),
         },
         **problem_answers(problems.JOB_NOT_FOUND, problems.ILLEGAL_TRANSITION),
     },
 )
 async def cancel_job(context: InContext, job_id: JobId) -> Response:
-    """Stop a job: kernels end within about a second. Asked again meanwhile, the answer is the same."""
+    """Stop a job: kernels end within about a second. Asked again, meanwhile or after, the answer is 202 as well.
+
+    So a request whose answer was lost can be sent again. A job that succeeded or failed gives 409.
+    """
 
     def cancel() -> Snapshot:
-        jobs.cancel(context.store, context.queue, job_id)
+        try:
+            jobs.cancel(context.store, context.queue, job_id)
+        except IllegalTransitionError as error:
+            if error.current is not JobState.CANCELED:
+                raise
         return read_snapshot(context, job_id)
 
     snapshot = await anyio.to_thread.run_sync(cancel)
