@@ -3,8 +3,8 @@
 Job: the car's material table in, one scene document out; camera, box and light are chosen here. Invariant: the document
 names its files by SHA-256, so that its own hash fixes the picture's every input.
 Source: ``seed/`` in the data folder (model and texture of WhoFama24/cse6413-raytracer, commit 167f0b0, MIT licence).
-Its README says that the car has z up and the nose towards -y, that `Windows` and `Interior` share most of their triangles,
-and that only one of the textures that the materials name exists.
+Its README says that the car has z up and the nose towards -y, that `Windows` and `Interior` share most of their
+triangles, and that only one of the textures that the materials name exists.
 
 Run ``python -m scenes.make_mini_cornell`` after a change here; the result is committed.
 """
