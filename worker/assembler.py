@@ -3,7 +3,7 @@
 Job: for each active job, read tiles in order as they appear, stream their rows into EXR and PNG, and commit.
 Invariant: memory is one row of tiles a job; it may be killed at any moment and begins anew from the tiles on disk; the
 result is committed before the state says so, and tiles are deleted only after that.
-Source: service.md, "The house" of architecture.md; cgru and OpenCue users' complaint that assembly outlasts the render.
+See ARCHITECTURE.md, "One datum's way".
 """
 
 import os
@@ -90,7 +90,7 @@ class Assembly:
         Raises
         ------
         TileError
-            The next tile is damaged; `damaged_tile` says which.
+            The next tile is damaged; `next_tile` says which.
         """
         began = self._next
         started = time.perf_counter()

@@ -2,7 +2,6 @@
 
 Job: one checker that every test of faults ends with, and that an operator may run at any time on a farm at rest.
 Invariant: it changes nothing.
-Source: service.md, last row of "Promises".
 """
 
 import json

@@ -3,7 +3,7 @@
 Job: hold store, queue, backend, the shared cancel flag and what is being worked on.
 Invariant: `cancel[0]` belongs to the current job: it is set only under the lock, only for the job that is current, and
 cleared when the next begins; while draining it stays set.
-Source: service.md, "RQ 3.0, as measured": a flag polled by kernels is what stops native code, in 12 ms.
+A flag polled by kernels is what stops native code.
 """
 
 import threading

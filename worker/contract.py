@@ -2,7 +2,6 @@
 
 Job: one place for every name that crosses a process border, so that a queue is spoken to by name and with ids only.
 Invariant: nothing here imports anything; a change here is a change of the protocol between processes of one farm.
-Source: design of the farm (service.md, "RQ 3.0, as measured" and "Leases, index and files, as measured").
 """
 
 # ---- RQ -----------------------------------------------------------------------------------------------------------
@@ -37,7 +36,7 @@ STALLED_AFTER_S = 2.0
 # An RQ job is a run of tiles: after this time the worker looks whether another job's hint is waiting. RQ costs about
 # 2.2 ms a run, hence 0.2 % here.
 RUN_S = 1.0
-# Even alone, a run ends after this time, well within the 420 s after which RQ takes a silent worker for dead.
+# Even alone, a run ends after this time and goes on through a hint like any other.
 RUN_MAX_S = 60.0
 
 # How often a tile may raise, and how often its worker may die with it, before the job fails. A lost lease is no proof
@@ -51,7 +50,7 @@ DRAIN_S = 5.0
 # ---- Redis keys ---------------------------------------------------------------------------------------------------
 
 KEY_EPOCH = "sm:e"  # string; set last after a rebuild: its presence says that the index is complete
-KEY_JOB = "sm:j:"  # + job id: hash n, cols, next, done, state (r|c), rays, kernel_us, first_ms, last_ms
+KEY_JOB = "sm:j:"  # + job id: hash n, cols, next, done, state (r|c), rays, kernel_us
 KEY_DONE = "sm:b:"  # + job id: bitmap of done tiles
 KEY_RETRY = "sm:r:"  # + job id: set of tiles to hand out again
 KEY_FAULTS = "sm:f:"  # + job id: hash "e<tile>" errors, "l<tile>" losses
@@ -65,7 +64,7 @@ KEY_CLAIM = "sm:a:"  # + job id: string with a time to live, the assembler that 
 # ---- wake-ups (pub/sub: a lost message costs a poll, never a job) --------------------------------------------------
 
 CHANNEL_EVENTS = "sm:events"  # "<job> <seq> <state>" after each durable event
-CHANNEL_CONTROL = "sm:control"  # "cancel <job>" or "drain <worker>", to the workers' control threads
+CHANNEL_CONTROL = "sm:control"  # "cancel <job>", to the workers' control threads
 CHANNEL_ASSEMBLER = "sm:assemble"  # "<job>": a row of tiles is complete, or the job has just become active
 
 # ---- files --------------------------------------------------------------------------------------------------------

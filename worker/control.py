@@ -4,7 +4,6 @@ Job: renew the lease of the current job each second, tell that the worker lives,
 SIGTERM.
 Invariant: nothing that Redis does or fails to do ends these threads; signals reach them while a kernel holds the main
 thread, because the C-level handler writes to a file descriptor (`signal.set_wakeup_fd`).
-Source: service.md, "RQ 3.0, as measured".
 """
 
 import os
@@ -90,12 +89,8 @@ class ControlThread(threading.Thread):
 
     def _obey(self, message: str) -> None:
         command, _, target = message.partition(" ")
-        if command == "cancel":
-            if self._context.cancel_job(target):
-                log.info("cancel", job=target)
-        elif command == "drain" and target == self._context.name:
-            log.info("drain")
-            os.kill(os.getpid(), signal.SIGTERM)
+        if command == "cancel" and self._context.cancel_job(target):
+            log.info("cancel", job=target)
 
 
 class SignalThread(threading.Thread):

@@ -4,12 +4,11 @@ Job: tile index <-> rectangle and blocks, pure integers.
 Invariant: tiles lie on the absolute image grid (multiples of the tile size from the image's top left), and are clipped
 to the rendered rectangle; blocks of 16 px lie on the same absolute grid, so a tile is a set of whole blocks and the
 bytes of the picture do not depend on the tile size.
-Source: architecture.md, "Blocks, not tiles, decide".
+See ARCHITECTURE.md, "Three seams".
 """
 
 from typing import NamedTuple
 
-from worker.contract import BLOCK_PX
 from worker.records import JobRecord
 
 
@@ -74,13 +73,6 @@ class TileGrid(NamedTuple):
         right = min(self.x + self.width, (self.first_column + column + 1) * self.tile_size)
         bottom = min(self.y + self.height, (self.first_row + row + 1) * self.tile_size)
         return Rect(left, top, right - left, bottom - top)
-
-    def tile_blocks(self, index: int) -> list[tuple[int, int]]:
-        """Return the (bx, by) of the 16 px blocks that tile `index` touches, row by row."""
-        rect = self.tile_rect(index)
-        columns = range(rect.x // BLOCK_PX, (rect.x + rect.width - 1) // BLOCK_PX + 1)
-        rows = range(rect.y // BLOCK_PX, (rect.y + rect.height - 1) // BLOCK_PX + 1)
-        return [(bx, by) for by in rows for bx in columns]
 
 
 def grid_of(record: JobRecord) -> TileGrid:

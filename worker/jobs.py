@@ -2,11 +2,11 @@
 
 Job: the order of writes that makes each operation safe to repeat and to interrupt anywhere.
 Invariant: the store first, the queue second; a queue that is away delays a job and never loses it.
-Source: service.md, "HTTP", "States" and "The bet".
+See ARCHITECTURE.md, "Two ideas carry it".
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -310,22 +310,6 @@ def view(store: Store, queue: Queue, job_id: str) -> JobView:
         event.detail if is_failed else None,
         event.detail if is_succeeded else None,
     )
-
-
-def views(
-    store: Store, queue: Queue, *, owner: str, state: JobState | None = None, before: str | None = None, limit: int = 50
-) -> Iterator[JobView]:
-    """Yield up to `limit` jobs of an owner, newest first, older than `before`, in one state if given."""
-    for job_id in store.job_ids(before=before):
-        if limit <= 0:
-            return
-        with suppress(JobNotFoundError):  # deleted meanwhile
-            if state is not None and (store.remembered_end(job_id) or store.last_event(job_id).state) is not state:
-                continue
-            found = view(store, queue, job_id)
-            if found.record.owner == owner and state in {None, found.state}:
-                limit -= 1
-                yield found
 
 
 def _progress(store: Store, queue: Queue, record: JobRecord, event: JobEvent) -> Progress:

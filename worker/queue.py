@@ -3,7 +3,7 @@
 Job: everything that is said to Redis; all of it can be rebuilt from the store.
 Invariant: enqueued by name, with ids only; no blocking read shares a connection with commands; a method raises
 `QueueUnavailableError` when the server does not answer, so that callers need not know Redis.
-Source: service.md, "RQ 3.0, as measured" and "Leases, index and files, as measured".
+See ARCHITECTURE.md, "Two ideas carry it".
 """
 
 import json
@@ -313,7 +313,7 @@ class Queue:
     # ---- workers --------------------------------------------------------------------------------------------------
 
     def report_worker(self, name: str, facts: Mapping[str, Any]) -> None:
-        """Say that a worker lives; `facts` has host, pid, state, started_at and, at work, job and tile."""
+        """Say that a worker lives; `facts` has host, pid, state and started_at (its lease tells job and tile)."""
         with clear_errors():
             seconds, micros = self.redis.time()
             body = json.dumps({**facts, "at": seconds + micros / 1e6})
@@ -366,11 +366,6 @@ class Queue:
         """Tell the assembler to look at a job."""
         with clear_errors():
             self.redis.publish(contract.CHANNEL_ASSEMBLER, job_id)
-
-    def publish_control(self, message: str) -> int:
-        """Send "cancel <job>" or "drain <worker>" to the workers' control threads; return how many heard it."""
-        with clear_errors():
-            return int(self.redis.publish(contract.CHANNEL_CONTROL, message))
 
     # ---- inside ---------------------------------------------------------------------------------------------------
 

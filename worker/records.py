@@ -2,7 +2,6 @@
 
 Job: small frozen values and their JSON.
 Invariant: a record is written once; an event carries the state after it, so that a reader opens only the last one.
-Source: service.md, "Store" and "Leases, index and files, as measured".
 """
 
 import json
@@ -15,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
+from worker.contract import PROBLEM_PREFIX
 from worker.errors import BadNameError, DamagedRecordError
 from worker.states import JobState
 
@@ -80,7 +80,7 @@ def seconds_between(earlier: str, later: str) -> float:
 
 def problem(kind: str, title: str, detail: str, **more: Any) -> dict[str, Any]:
     """Return a problem (RFC 9457) as kept in a failed job's last event; members that are None are left out."""
-    body = {"type": f"urn:smalti:problem:{kind}", "title": title, "detail": detail, **more}
+    body = {"type": f"{PROBLEM_PREFIX}{kind}", "title": title, "detail": detail, **more}
     return {name: value for name, value in body.items() if value is not None}
 
 
@@ -152,7 +152,7 @@ class JobEvent:
     at
         Time, RFC 3339 in UTC.
     type
-        "created", "state" (a transition), "tile_error", "tile_lost" or "note".
+        "created", "state" (a transition), "tile_error" or "tile_lost".
     state
         State after this event: the snapshot that makes the last event enough.
     previous

@@ -1,7 +1,6 @@
 """The report of a finished job: where the time went, how many rays, what was skipped.
 
 Job: pure arithmetic over events, plan and tile headers; all of these are in the store, so a report survives any fault.
-Source: service.md and the report's wish list of the first issue on the farm.
 """
 
 import json

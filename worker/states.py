@@ -3,7 +3,6 @@
 Job: say which state may follow which; pure, without clock or storage.
 Invariant: terminal states have no successor; every other state can be canceled and can fail, save that a job being
 canceled can only become canceled.
-Source: service.md, "States".
 
 ::
 

@@ -4,7 +4,7 @@ Job: every half second end overdue leases; at boot, when the index is wiped or i
 seconds for jobs that stand still: bring the index in line with the store.
 Invariant: it only ever adds what the store says (jobs, done tiles, hints) and removes what has ended, so it may run
 twice, late, or be killed at any moment. Terminal jobs are opened once and then remembered, also across restarts.
-Source: service.md, "The bet" and "Leases, index and files, as measured".
+See ARCHITECTURE.md, "Two ideas carry it".
 """
 
 import threading

@@ -3,13 +3,13 @@
 Job: keep jobs, events, tiles, results and assets so that nothing acknowledged is lost and nothing is written twice.
 Invariant: every path is made from a checked id, hash or one of our own names; records, events, plans and tiles are
 create-if-absent; an event's number is taken by exactly one writer.
-Source: service.md, "Store" and "Leases, index and files, as measured".
+See ARCHITECTURE.md, "Two ideas carry it".
 
 ::
 
     assets/<sha256>                    content-addressed, checked on arrival
     jobs/<id>/job.json, scene.json     what was accepted, fsynced before 202
-    jobs/<id>/events/<000001>.json     each transition, command and failure; the last carries the state
+    jobs/<id>/events/<000001>.json     each transition and each fault of a tile; the last carries the state
     jobs/<id>/plan.json                tile grid and what made the compiled scene; written once
     jobs/<id>/tiles/<pass>-<tile>      film tile, write-once; deleted after the result is committed
     jobs/<id>/result.exr|.png, report.json, preview.png
@@ -176,11 +176,6 @@ class Store(Uploads):
             self._terminal[job_id] = event
         return event
 
-    def remembered_end(self, job_id: str) -> JobState | None:
-        """Return the terminal state that this object has seen of a job, without looking (it may be deleted since)."""
-        event = self._terminal.get(job_id)
-        return event.state if event is not None else None
-
     def events(self, job_id: str, after: int = 0) -> list[JobEvent]:
         """Return the events with a number above `after`, in order."""
         names = sorted(name for name in self._event_names(job_id) if int(name[:6]) > after)
@@ -267,7 +262,7 @@ class Store(Uploads):
     def write_tile(self, job_id: str, tile: int, data: bytes, pass_index: int = 0) -> bool:
         """Write a film tile if it is not there; True if this call did.
 
-        Not fsynced: a tile lost in a power failure is rendered again, and a damaged one is found by its checksum.
+        Not fsynced: a tile lost in a power failure is missed by the steward, a damaged one is found by its checksum.
         """
         path = self.tile_path(job_id, tile, pass_index)
         try:

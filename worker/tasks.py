@@ -3,7 +3,7 @@
 Job: the two tasks that hints name, and what becomes of their failures.
 Invariant: a task may be called twice, late, for a job that has ended, or be killed anywhere: the store's state decides
 what is left to do, files are created once, and a lost hint comes again from the steward.
-Source: service.md, "One datum's way", "RQ 3.0, as measured", "Leases, index and files, as measured".
+See ARCHITECTURE.md, "One datum's way".
 """
 
 import hashlib

@@ -3,7 +3,6 @@
 Job: the part of the store that is not about one job.
 Invariant: an asset's bytes have the hash that its name says; an idempotency key belongs to the first request for ever
 (that is, until the steward sweeps it a day later).
-Source: service.md, "Store" and "HTTP".
 """
 
 import hashlib

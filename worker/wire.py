@@ -2,7 +2,7 @@
 
 Job: what everybody needs who speaks to the queue's server.
 Invariant: no command waits longer than its timeout, no blocking read shares a connection with commands.
-Source: service.md, "RQ 3.0, as measured": redis-py 8 has ``socket_timeout=5`` by default.
+Timeouts are given throughout, because redis-py 8 has ``socket_timeout=5`` by default.
 """
 
 from collections.abc import AsyncIterator, Iterator

@@ -3,8 +3,8 @@
 Job: wait for a hint, check it, run its task in this process (kernels are warm here).
 Invariant: only the names in `contract.TASKS` are ever called, with one job id as their argument; a hint's record is
 deleted before its task begins, so RQ's keys do not grow and a killed worker leaves none behind.
-Source: service.md, "RQ 3.0, as measured". RQ's own bookkeeping (executions, registries, results, heartbeats: about ten
-calls a job) is left out, because the store and the leases know better.
+RQ's own bookkeeping (executions, registries, results, heartbeats: about ten calls a job) is left out, because the store
+and the leases know better.
 """
 
 from datetime import UTC, datetime

@@ -89,12 +89,13 @@ def test_another_job_is_not_hit(farm: SmallFarm):
     context = farm.worker()
     job_id = new_job_id()
     with controlled(context), context.working_on(job_id):
-        farm.queue.publish_control(f"cancel {new_job_id()}")
-        farm.queue.publish_control("cancel")
-        farm.queue.publish_control("nonsense")
+        farm.queue.redis.publish(contract.CHANNEL_CONTROL, f"cancel {new_job_id()}")
+        farm.queue.redis.publish(contract.CHANNEL_CONTROL, "cancel")
+        farm.queue.redis.publish(contract.CHANNEL_CONTROL, "nonsense")
+        farm.queue.redis.publish(contract.CHANNEL_CONTROL, f"nonsense {job_id}")
         time.sleep(0.2)
         assert context.cancel[0] == 0
-        farm.queue.publish_control(f"cancel {job_id}")
+        farm.queue.redis.publish(contract.CHANNEL_CONTROL, f"cancel {job_id}")
         until(lambda: context.cancel[0] == 1)
 
 
@@ -114,7 +115,7 @@ def test_restarted_server_is_found_again(farm: SmallFarm, tmp_path: Path, monkey
             until(lambda: farm.queue.count_workers() == 1)
 
             def is_obeyed() -> bool:
-                farm.queue.publish_control(f"cancel {job_id}")
+                farm.queue.redis.publish(contract.CHANNEL_CONTROL, f"cancel {job_id}")
                 return bool(context.cancel[0] == 1)
 
             until(is_obeyed)

@@ -140,17 +140,3 @@ def test_delete_only_what_has_ended(farm: SmallFarm):
     jobs.delete(farm.store, farm.queue, job_id)
     with pytest.raises(JobNotFoundError):
         jobs.view(farm.store, farm.queue, job_id)
-
-
-def test_views_are_filtered_and_paged(farm: SmallFarm):
-    ids = [farm.submit() for _ in range(4)]
-    jobs.cancel(farm.store, farm.queue, ids[1])
-
-    def listed(**options: object) -> list[str]:
-        return [view.record.id for view in jobs.views(farm.store, farm.queue, owner="me", **options)]
-
-    assert listed() == ids[::-1]
-    assert listed(limit=2) == [ids[3], ids[2]]
-    assert listed(before=ids[2], limit=2) == [ids[1], ids[0]]
-    assert listed(state=JobState.CANCELED) == [ids[1]]
-    assert list(jobs.views(farm.store, farm.queue, owner="you")) == []
