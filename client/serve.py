@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from client.errors import SmaltiError, UsageError
+from client.errors import NotReachableError, SmaltiError, UsageError
 
 
 def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
@@ -25,11 +25,14 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     ------
     UsageError
         When a setting is out of range.
+    NotReachableError
+        When the given Redis does not answer.
     SmaltiError
         When the farm cannot start, or ended by itself.
     """
     from pydantic import ValidationError
 
+    from worker.errors import QueueUnavailableError
     from worker.logs import configure_logs
     from worker.settings import FarmSettings
     from worker.supervisor import Supervisor
@@ -41,7 +44,11 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
         faults = "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
         raise UsageError(f"a setting is not valid: {faults}") from error
     configure_logs(settings.log_level, settings.log_file, role="supervisor", pid=os.getpid())
-    if Supervisor(settings, ready=ready).run():
+    farm = Supervisor(settings, ready=ready)
+    if farm.run():
+        if isinstance(farm.error, QueueUnavailableError):
+            hint = "is Redis up, and is --redis-url (SMALTI_REDIS_URL) right?"
+            raise NotReachableError(str(farm.error), hint=hint)
         raise SmaltiError("the farm ended with an error", hint="its log tells why")
 
 

@@ -21,18 +21,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import IO, Self
+from urllib.parse import urlsplit
 
+import redis
 import structlog
 
 from worker import contract
 from worker.embedded import EmbeddedServer
-from worker.errors import FarmError
+from worker.errors import FarmError, QueueUnavailableError
 from worker.files import replace
 from worker.leases import lease_lost
 from worker.processes import born
 from worker.queue import Queue
 from worker.settings import FarmSettings
 from worker.store import Store
+from worker.wire import clear_errors
 
 log = structlog.get_logger()
 
@@ -42,6 +45,9 @@ _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 10.0
 # Kernels are compiled on the first start of a version: about a minute on a slow core.
 _READY_TIMEOUT_S = 300.0
+# A server of someone else's that starts beside us is up by then; nobody should wait longer for a mistyped address.
+_REDIS_TIMEOUT_S = 5.0
+_REDIS_PAUSE_S = 0.5
 
 
 @dataclass(slots=True)
@@ -99,7 +105,7 @@ class Supervisor:
     # ---- life -------------------------------------------------------------------------------------------------------
 
     def run(self) -> int:
-        """Run the farm until SIGTERM or SIGINT; return the exit status."""
+        """Run the farm until SIGTERM or SIGINT; return the exit status, `error` tells more."""
         stop = threading.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: stop.set())
@@ -167,6 +173,11 @@ class Supervisor:
         self.close()
 
     @property
+    def error(self) -> BaseException | None:
+        """What ended the farm, if it did not end as told."""
+        return self._error
+
+    @property
     def queue(self) -> Queue:
         """The farm's queue."""
         if self._queue is None:
@@ -206,6 +217,8 @@ class Supervisor:
             self._start_server()
             self.redis_url = self._server.url
         self._queue = Queue(self.redis_url)
+        if self._server is None:
+            self._await_server(self._queue)
         if self.settings.api:
             address = (self.settings.host, self.settings.port)
             try:
@@ -226,6 +239,24 @@ class Supervisor:
         for role, name in names:
             child = self.children[name] = Child(role, name)
             self._spawn(child)
+
+    def _await_server(self, to: Queue) -> None:
+        """Wait a moment for a server that is not ours; `QueueUnavailableError` names its address, without password."""
+        deadline = time.monotonic() + _REDIS_TIMEOUT_S
+        while not self._stopping.is_set():
+            try:
+                with clear_errors():
+                    to.redis.ping()
+            except QueueUnavailableError as error:
+                if isinstance(error.__cause__, redis.BusyLoadingError):
+                    return  # it is there, and reads its data
+                if time.monotonic() > deadline:
+                    parts = urlsplit(self.redis_url)
+                    address = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+                    raise QueueUnavailableError(f"no Redis can be used at {address}: {error.__cause__}") from error
+            else:
+                return
+            self._stopping.wait(_REDIS_PAUSE_S)
 
     def _turn(self) -> None:
         """Wait for the next death or restart, and see to it."""

@@ -2,13 +2,14 @@
 
 import json
 import os
+import re
 import signal
 import time
 from pathlib import Path
 
 import pytest
 
-from worker.errors import FarmError
+from worker.errors import FarmError, QueueUnavailableError
 from worker.settings import FarmSettings
 from worker.supervisor import Supervisor
 
@@ -73,6 +74,17 @@ def test_taken_port_is_told(settings: FarmSettings):
         changes = {"api": True, "port": taken.getsockname()[1]}
         with pytest.raises(FarmError, match=str(changes["port"])), Supervisor(settings.model_copy(update=changes)):
             pass
+
+
+def test_unreachable_redis_is_told_with_its_address_and_without_its_password(
+    settings: FarmSettings, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("worker.supervisor._REDIS_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("worker.supervisor._READY_TIMEOUT_S", 10.0)
+    changes = {"redis_url": "redis://me:secret@127.0.0.1:1/0", "steward": False}
+    with pytest.raises(QueueUnavailableError, match=re.escape("redis://127.0.0.1:1/0")) as caught:
+        Supervisor(settings.model_copy(update=changes)).start()
+    assert "secret" not in str(caught.value)
 
 
 def test_settings_reach_children_through_the_environment(settings: FarmSettings, monkeypatch: pytest.MonkeyPatch):
