@@ -155,6 +155,13 @@ def _prepare_asset(prepared: PreparedScene, name: str, asset: dict[str, Any], fo
             prepared.absent[given] = fault  # the service may have these bytes from before
             return []
         return [fault]
+    from client.local import asset_suffixes
+
+    if path.suffix.lower() not in asset_suffixes():  # a scene from elsewhere must not carry off other files
+        message = f"{file[:200]!r} is no model or image by its ending: never read, never sent"
+        return [Fault(pointer, message, f"a file that ends in {', '.join(asset_suffixes())}")]
+    if not any(Path(os.path.abspath(path)).is_relative_to(os.path.abspath(one)) for one in folders):  # noqa: PTH100
+        prepared.warnings.append(f"{pointer}: {file[:200]!r} lies outside the scene's folder and the data folder")
     digest = sha256_file(path)
     if given is not None and given != digest:
         message = f"{path} has other bytes than the scene expects: their SHA-256 is {digest}"

@@ -50,6 +50,13 @@ def parse_prepared(prepared: PreparedScene) -> "SceneDoc":
         raise scene_invalid(error) from error
 
 
+def asset_suffixes() -> tuple[str, ...]:
+    """Return the endings of the files that the loaders read: models and images."""
+    from tracer.loaders.limits import IMAGE_FORMATS, MESH_SUFFIXES
+
+    return (*MESH_SUFFIXES, *(f".{name.lower()}" for name in IMAGE_FORMATS), ".jpg")
+
+
 def parse_text(text: bytes | str, label: str) -> dict[str, Any]:
     """Parse JSON text to plain values; what the text itself has wrong is told with all that the document has wrong.
 

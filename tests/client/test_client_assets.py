@@ -75,6 +75,28 @@ def test_mend_is_told_for_seed_data_only(tmp_path: Path) -> None:
     assert caught.value.hint == ""
 
 
+@pytest.mark.parametrize("name", ["passwd", "id.pem", "x.obj.txt"])
+def test_a_file_that_no_loader_reads_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("secret")
+    for file in (f"../{name}", str(tmp_path / name)):
+        with pytest.raises(AssetError, match="cannot be used") as caught:
+            prepare_scene(scene(m={"file": file}), _sub(tmp_path))
+        assert caught.value.faults[0].pointer == "/assets/m/file"
+        assert ".obj" in caught.value.faults[0].expected
+
+
+def _sub(folder: Path) -> Path:
+    (folder / "sub").mkdir(exist_ok=True)
+    return folder / "sub"
+
+
+def test_a_name_that_leaves_the_folders_is_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "a.PLY").write_bytes(b"abc")
+    for file in ("../a.PLY", str(tmp_path / "a.PLY")):
+        assert "outside" in prepare_scene(scene(m={"file": file}), _sub(tmp_path)).warnings[0]
+    assert prepare_scene(scene(m={"file": "sub/../a.PLY"}), tmp_path).warnings == []
+
+
 def test_absent_file_with_a_hash_is_left_to_the_service(tmp_path: Path) -> None:
     prepared = prepare_scene(scene(a={"file": "d/x.ply", "sha256": "a" * 64}), tmp_path)
     assert list(prepared.absent) == ["a" * 64]
