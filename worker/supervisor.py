@@ -3,7 +3,7 @@
 Job: start Valkey (unless one is given), API, workers, steward and assembler; start again what dies; end all of it.
 Invariant: all children are started by one thread that lives as long as they (they die with it), and a dead worker's
 tile is back in the index as soon as `waitpid` tells.
-Source: service.md, "RQ 3.0, as measured": RQ forks a worker a job or pools them without leases; both are too slow.
+RQ's own supervisors are not used: they fork a worker a job, or pool workers without leases.
 """
 
 import http.client
