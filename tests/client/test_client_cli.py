@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shlex
 import subprocess
 import sys
 import time
@@ -344,7 +345,7 @@ def test_errors_in_a_pipe_are_plain() -> None:
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:
-    command = f"{sys.executable} -m client schema | head -n 1; exit ${{PIPESTATUS[0]}}"
+    command = f"{shlex.quote(sys.executable)} -m client schema | head -n 1; exit ${{PIPESTATUS[0]}}"
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
     started = time.monotonic()
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment, check=False)
