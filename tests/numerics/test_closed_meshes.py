@@ -39,11 +39,11 @@ def test_which_cells_are_degenerate():
     }
 
 
-@pytest.mark.parametrize(("name", "offset", "scale"), CELLS)
+# The degenerate cells are left out; the test above proves that these are all of them.
+@pytest.mark.parametrize(("name", "offset", "scale"), [cell for cell in CELLS if cell[:2] != ("needle", 1e12)])
 def test_no_ray_is_lost_or_counted_twice(name, offset, scale):
     cell = placed(name, offset, scale)
-    if cell is None:
-        pytest.skip("float64's spacing exceeds an eighth of the shortest edge")
+    assert cell is not None
     vertices, faces, centre, reach = cell
     caster = RayCaster(vertices, faces)
     rng = np.random.default_rng(11)

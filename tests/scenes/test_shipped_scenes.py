@@ -10,7 +10,8 @@ from scenes import make_demo, make_mini_cornell
 from tracer.scene import Mesh, MeshAsset, PerspectiveCamera, View, parse_scene, transform_rows
 
 NEEDS_DATA = pytest.mark.skipif(
-    not (make_mini_cornell.DATA / make_mini_cornell.GEOMETRY).is_file(), reason="SMALTI_DATA has no seed/"
+    not (make_mini_cornell.DATA / make_mini_cornell.GEOMETRY).is_file(),
+    reason="no seed data: set SMALTI_DATA (files of github.com/WhoFama24/cse6413-raytracer, commit 167f0b0)",
 )
 
 

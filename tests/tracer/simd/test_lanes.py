@@ -37,7 +37,6 @@ def test_same_bits_on_every_cpu(tmp_path):
         assert run_program(tmp_path, name) == [digest, register]
 
 
-@pytest.mark.skipif(X86, reason="covered above")
 def test_this_cpu(tmp_path):
     assert run_program(tmp_path, None)
 
