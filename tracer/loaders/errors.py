@@ -14,12 +14,12 @@ class LoadError(Exception):
     reason : str
         What is wrong, one sentence.
     mend : str
-        What would make it right; may be empty.
+        What would make it right, never empty: it is the `expected` of the job's problem.
     pointer : str
         JSON pointer to the place in the scene that names the file, such as "/objects/3/asset"; may be empty.
     """
 
-    def __init__(self, file: str, reason: str, mend: str = "", pointer: str = "") -> None:
+    def __init__(self, file: str, reason: str, mend: str, pointer: str = "") -> None:
         super().__init__(file, reason, mend, pointer)
         self.file = file
         self.reason = reason
@@ -27,7 +27,7 @@ class LoadError(Exception):
         self.pointer = pointer
 
     def __str__(self) -> str:
-        return f"{self.file}: {self.reason}" + (f"; {self.mend}" if self.mend else "")
+        return f"{self.file}: {self.reason}; {self.mend}"
 
     def at(self, pointer: str) -> "LoadError":
         """Return the same error with a place in the scene document."""

@@ -45,7 +45,7 @@ class ModelFile:
         self._allowed = None if companions is None else {posixpath.normpath(companion) for companion in companions}
         self.warnings: list[str] = []
 
-    def error(self, reason: str, mend: str = "") -> LoadError:
+    def error(self, reason: str, mend: str) -> LoadError:
         """Return an error that names this file."""
         return LoadError(self.name, reason, mend)
 
@@ -70,9 +70,11 @@ class ModelFile:
                 )
             data = self._path.read_bytes()
         except OSError as error:
-            raise self.error(f"cannot be read ({os.strerror(error.errno or 0)})") from None
+            raise self.error(
+                f"cannot be read ({os.strerror(error.errno or 0)})", "put it there, or name another file"
+            ) from None
         if not data:
-            raise self.error("is an empty file")
+            raise self.error("is an empty file", "export it again, or name another file")
         return data
 
     def read_companion(self, name: str) -> bytes:

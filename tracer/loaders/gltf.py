@@ -30,6 +30,7 @@ _CHUNK_BIN: Final = 0x004E4942
 _COMPONENT_BYTES: Final = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP = 4, 5
+_VALIDATE: Final = "what a glTF validator finds in it must be mended"
 # What a file may require without being drawn wrongly: materials that fall back, lights that the scene brings itself.
 _HARMLESS: Final = ("KHR_materials_", "KHR_lights_punctual", "KHR_texture_transform", "KHR_xmp", "EXT_texture_webp")
 
@@ -47,14 +48,14 @@ def load_gltf(file: ModelFile, data: bytes) -> MeshData:
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise file.error(f"is not JSON inside ({str(error)[:100]})") from None
+        raise file.error(f"is not JSON inside ({str(error)[:100]})", "export it as glTF 2.0 again") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
         raise file.error("is not glTF: it has no asset", "export it as glTF 2.0")
     if not str(tree["asset"].get("version", "")).startswith("2."):
         raise file.error("is not of glTF version 2", "export it as glTF 2.0")
     for name in tree.get("extensionsRequired", []):
         if not str(name).startswith(_HARMLESS):
-            raise file.error(f"needs the extension {str(name)[:60]}, which is not supported", "export it without")
+            raise file.error(f"needs the extension {str(name)[:60]}, which is not supported", "export it without that")
     try:
         buffers = [_buffer(file, index, entry, binary) for index, entry in enumerate(tree.get("buffers", []))]
         primitives = _check(file, tree, buffers)
@@ -63,7 +64,7 @@ def load_gltf(file: ModelFile, data: bytes) -> MeshData:
         return _bake(file, tree, _decode(tree, buffers, primitives), primitives, instances, materials)
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, AssertionError, OverflowError) as error:
         # The document's tables refer to each other in dozens of places; any of them may be wrong.
-        raise file.error(f"is not valid glTF ({type(error).__name__}: {str(error)[:100]})", "check it") from None
+        raise file.error(f"is not valid glTF ({type(error).__name__}: {str(error)[:100]})", _VALIDATE) from None
 
 
 def _split_glb(file: ModelFile, data: bytes) -> tuple[bytes, bytes | None]:
@@ -126,7 +127,7 @@ def _check(file: ModelFile, tree: Tree, buffers: list[bytes]) -> list[list[Tree]
             raise file.error(f"has a buffer view {index} that reaches beyond its buffer", "export it again")
     for index, accessor in enumerate(tree.get("accessors", [])):
         if "sparse" in accessor:
-            raise file.error(f"has a sparse accessor ({index}), which is not supported", "export it without")
+            raise file.error(f"has a sparse accessor ({index}), which is not supported", "export it without those")
         count = _natural(accessor["count"])
         item = _COMPONENT_BYTES[accessor["componentType"]] * _COMPONENTS[accessor["type"]]
         if "bufferView" not in accessor:

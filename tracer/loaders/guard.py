@@ -135,14 +135,20 @@ def _load_in_process(
                 begun = max(answers, default=-1) + 1 == index
                 results.append(_death(request, code, timed_out, limits, begun=begun))
             elif "reason" in answer:
-                results.append(LoadError(request.name, str(answer["reason"]), str(answer.get("mend", ""))))
+                results.append(LoadError(request.name, str(answer["reason"]), str(answer["mend"])))
             else:
                 try:
                     path = out / f"{index}.arrays"
                     # The map keeps the arrays alive after the folder is gone.
                     results.append(open_mesh(path) if request.kind == "mesh" else open_image(path))
                 except (ArrayFileError, OSError, KeyError) as error:
-                    results.append(LoadError(request.name, f"was lost on its way out of the loader ({error})"))
+                    results.append(
+                        LoadError(
+                            request.name,
+                            f"was lost on its way out of the loader ({error})",
+                            "free some space for temporary files, then try again",
+                        )
+                    )
         return results
 
 
@@ -194,7 +200,9 @@ def _parse_answers(stdout: bytes, n_requests: int) -> dict[int, dict[str, Any]]:
 def _death(request: LoadRequest, code: int, timed_out: bool, limits: LoadLimits, *, begun: bool) -> LoadError:
     """Say why there is no answer for a file."""
     if not begun:
-        return LoadError(request.name, "was not loaded, because a file before it ended the loader")
+        return LoadError(
+            request.name, "was not loaded, because a file before it ended the loader", "mend that file first"
+        )
     if timed_out:
         return LoadError(request.name, f"took longer than {limits.wall_s:g} s to load", "simplify it")
     if code == -signal.SIGXCPU:

@@ -15,7 +15,11 @@ from tracer.loaders.limits import IMAGE_FORMATS, LoadLimits
 
 
 class ImageError(Exception):
-    """The bytes are not an image that can be used; the message says why."""
+    """The bytes are not an image that can be used; the message says why, and `mend` what would be right."""
+
+    def __init__(self, reason: str, mend: str) -> None:
+        super().__init__(reason)
+        self.mend = mend
 
 
 def load_image(file: ModelFile) -> NDArray[np.uint8]:
@@ -33,7 +37,7 @@ def load_image(file: ModelFile) -> NDArray[np.uint8]:
     try:
         return decode_image(file.read(), file.limits)
     except ImageError as error:
-        raise file.error(str(error), f"use one of {', '.join(IMAGE_FORMATS)}") from None
+        raise file.error(str(error), error.mend) from None
 
 
 def decode_image(data: bytes, limits: LoadLimits) -> NDArray[np.uint8]:
@@ -49,7 +53,7 @@ def decode_image(data: bytes, limits: LoadLimits) -> NDArray[np.uint8]:
                 width, height = image.size
                 if width < 1 or height < 1 or width * height > limits.image_pixels:
                     text = f"is an image of {width} x {height} pixels, more than the {limits.image_pixels} allowed"
-                    raise ImageError(text)  # noqa: TRY301 - passed through below
+                    raise ImageError(text, "make it smaller")  # noqa: TRY301 - passed through below
                 if image.mode.startswith("I"):  # 16 bits of grey
                     grey = (np.asarray(image).astype(np.uint32) * 255 + 32767) // 65535
                     return np.repeat(np.minimum(grey, 255).astype(np.uint8)[:, :, np.newaxis], 3, axis=2)
@@ -58,6 +62,6 @@ def decode_image(data: bytes, limits: LoadLimits) -> NDArray[np.uint8]:
     except ImageError:
         raise
     except UnidentifiedImageError:
-        raise ImageError("is not an image of a known format") from None
+        raise ImageError("is not an image of a known format", f"use one of {', '.join(IMAGE_FORMATS)}") from None
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, OverflowError, TypeError, KeyError) as error:
-        raise ImageError(f"is a damaged image ({str(error)[:100]})") from None
+        raise ImageError(f"is a damaged image ({str(error)[:100]})", "save it again, or name another") from None

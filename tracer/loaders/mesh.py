@@ -6,7 +6,7 @@ no face with two corners at one place. Normals keep their length: they are norma
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from tracer.loaders.files import ModelFile
 from tracer.loaders.limits import MAX_COLOR, MAX_COORDINATE, MAX_TEXTURE_COORDINATE
 from tracer.types import FACE_HAS_COLORS, FACE_HAS_NORMALS, FACE_HAS_UVS
+
+NEEDS_FACES: Final = "a mesh needs at least one triangle"
 
 
 class FileMaterial(NamedTuple):
@@ -84,7 +86,7 @@ def join_parts(
     n_faces = sum(len(part.faces) for part in parts)
     n_vertices = sum(len(part.positions) for part in parts)
     if n_faces == 0:
-        raise file.error("is empty: there are no triangles in it")
+        raise file.error("is empty: there are no triangles in it", NEEDS_FACES)
     if n_faces > limits.faces or n_vertices > limits.vertices:
         raise file.error(
             f"has {n_faces} triangles and {n_vertices} vertices, more than the {limits.faces} and {limits.vertices} "

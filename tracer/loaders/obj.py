@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tracer.loaders.colors import linear_colors
 from tracer.loaders.files import CompanionError, ModelFile
-from tracer.loaders.mesh import MeshData, MeshGroup, MeshPart, join_parts
+from tracer.loaders.mesh import NEEDS_FACES, MeshData, MeshGroup, MeshPart, join_parts
 from tracer.loaders.mtl import MaterialLibrary
 from tracer.loaders.polygon import triangulate
 
@@ -186,7 +186,7 @@ def _parse_rows(file: ModelFile, lines: list[str], width: int, key: str) -> NDAr
 def _parse_positions(file: ModelFile, lines: list[str]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """Parse `v` lines: x y z, then perhaps w or red green blue."""
     if not lines:
-        raise file.error("is empty: there are no vertices in it")
+        raise file.error("is empty: there are no vertices in it", NEEDS_FACES)
     rows = _parse_numbers(lines)
     if rows is None or rows.shape[1] < 3:
         width = 6 if any(len(line.split()) >= 6 for line in lines) else 3

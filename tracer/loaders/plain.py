@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tracer.loaders.colors import linear_colors
 from tracer.loaders.files import ModelFile
-from tracer.loaders.mesh import MeshData, MeshGroup, MeshPart, join_parts
+from tracer.loaders.mesh import NEEDS_FACES, MeshData, MeshGroup, MeshPart, join_parts
 
 _PLY_SIZES: Final = {
     **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
@@ -29,7 +29,7 @@ def load_ply(file: ModelFile, data: bytes) -> MeshData:
 
     loaded = read(io.BytesIO(data), skip_materials=True)
     if loaded.get("faces") is None or not len(loaded["faces"]):
-        raise file.error("is empty: there are no faces in it", "point clouds cannot be rendered")
+        raise file.error("is empty: there are no faces in it", f"{NEEDS_FACES}; point clouds cannot be rendered")
     return _join(file, [loaded], [MeshGroup(())])
 
 
@@ -39,7 +39,10 @@ def load_stl(file: ModelFile, data: bytes) -> MeshData:
     is_binary = len(data) == 84 + 50 * n_claimed
     if not is_binary and data.lstrip()[:5].lower() != b"solid":
         if len(data) < 84:
-            raise file.error("is neither ASCII nor binary STL: it is too short")
+            raise file.error(
+                "is neither ASCII nor binary STL: it is too short",
+                "export it again: text beginning with solid, or 84 bytes and 50 for each triangle",
+            )
         raise file.error(
             f"says that it has {n_claimed} triangles, and has room for {(len(data) - 84) // 50}",
             "it was cut short or is damaged: export it again",
@@ -48,13 +51,13 @@ def load_stl(file: ModelFile, data: bytes) -> MeshData:
 
     if is_binary:
         if n_claimed == 0:
-            raise file.error("is empty: there are no triangles in it")
+            raise file.error("is empty: there are no triangles in it", NEEDS_FACES)
         return _join(file, [load_stl_binary(io.BytesIO(data))], [MeshGroup(())])
     loaded = load_stl_ascii(io.BytesIO(data))
     solids: dict[str, Any] = loaded.get("geometry", {"": loaded})
     solids = {name: solid for name, solid in solids.items() if isinstance(solid, dict) and "faces" in solid}
     if not solids:
-        raise file.error("is empty: there are no triangles in it")
+        raise file.error("is empty: there are no triangles in it", NEEDS_FACES)
     return _join(file, list(solids.values()), [MeshGroup((name,) if name else ()) for name in solids])
 
 
@@ -66,7 +69,9 @@ def load_off(file: ModelFile, data: bytes) -> MeshData:
     try:
         n_vertices, n_faces = int(text[1]), int(text[2])
     except ValueError:
-        raise file.error("has no counts of vertices and faces") from None
+        raise file.error(
+            "has no counts of vertices and faces", "after OFF come the numbers of vertices, faces and edges"
+        ) from None
     # A vertex takes at least three digits and three separators, and a face four.
     if min(n_vertices, n_faces) < 0 or 6 * n_vertices + 8 * n_faces > len(data) + 16:
         raise file.error(
@@ -118,12 +123,18 @@ def _check_ply_header(file: ModelFile, data: bytes) -> None:
         words = line.split()
         if words[:1] == ["element"]:
             if len(words) != 3 or not words[2].isdigit():
-                raise file.error(f"has a header line {line[:60]!r} that is not understood")
+                raise file.error(
+                    f"has a header line {line[:60]!r} that is not understood",
+                    "such a line is: element, its name, and how many there are",
+                )
             elements.append([words[1], int(words[2]), 0])
         elif words[:1] == ["property"] and elements:
             kind = words[2] if words[1:2] == ["list"] and len(words) > 2 else words[1] if len(words) > 1 else ""
             if kind not in _PLY_SIZES:
-                raise file.error(f"has a property of the unknown type {kind[:40]!r}")
+                raise file.error(
+                    f"has a property of the unknown type {kind[:40]!r}",
+                    f"the types are {', '.join(sorted(_PLY_SIZES))}",
+                )
             elements[-1][2] += 2 if is_ascii else _PLY_SIZES[kind]
     least = sum(count * size for _, count, size in elements)
     if least > body + 2:  # the last line may end without a newline

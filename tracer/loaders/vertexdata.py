@@ -16,6 +16,7 @@ from tracer.loaders.files import ModelFile
 from tracer.loaders.mesh import MeshData, MeshGroup, MeshPart, join_parts
 
 STRIDE: Final = 8
+_FORM: Final = "a mesh file in JSON is an object with vertexdata, indexdata and groups"
 
 
 def load_vertexdata(file: ModelFile, data: bytes) -> MeshData:
@@ -29,12 +30,9 @@ def load_vertexdata(file: ModelFile, data: bytes) -> MeshData:
     try:
         document = json.loads(data)
     except (ValueError, RecursionError, MemoryError) as error:
-        raise file.error(f"is not JSON ({str(error)[:100]})") from None
+        raise file.error(f"is not JSON ({str(error)[:100]})", _FORM) from None
     if not isinstance(document, dict) or not {"vertexdata", "indexdata"} <= set(document):
-        raise file.error(
-            "is JSON without vertexdata and indexdata",
-            "mesh files in JSON are objects with vertexdata, indexdata and groups",
-        )
+        raise file.error("is JSON without vertexdata and indexdata", _FORM)
     vertices = _numbers(file, "vertexdata", document["vertexdata"], STRIDE, float)
     indices = _numbers(file, "indexdata", document["indexdata"], 3, int)
     groups, face_group = _groups(file, document.get("groups", {}), len(indices))
@@ -44,23 +42,27 @@ def load_vertexdata(file: ModelFile, data: bytes) -> MeshData:
 
 def _numbers(file: ModelFile, key: str, values: Any, width: int, kind: type) -> NDArray[Any]:
     """Return a flat list of numbers as rows."""
+    what = "vertex numbers, three to a triangle" if kind is int else "numbers, eight to a vertex: x y z nx ny nz u v"
+    expected = f"{key} is a flat list of {what}"
     if not isinstance(values, list):
-        raise file.error(f"has {key} that is not a list of numbers")
+        raise file.error(f"has {key} that is not a list of numbers", expected)
     kinds = set(map(type, values))
     if not kinds <= ({int} if kind is int else {int, float}):
-        raise file.error(f"has something else than {'whole numbers' if kind is int else 'numbers'} in {key}")
+        raise file.error(f"has something else than {'whole numbers' if kind is int else 'numbers'} in {key}", expected)
     if len(values) % width:
-        raise file.error(f"has {len(values)} numbers in {key}, not a multiple of {width}")
+        raise file.error(f"has {len(values)} numbers in {key}, not a multiple of {width}", expected)
     try:
         return np.array(values, dtype=np.int64 if kind is int else np.float64).reshape(-1, width)
     except OverflowError:
-        raise file.error(f"has a number in {key} that is too large") from None
+        raise file.error(f"has a number in {key} that is too large", "numbers are those of float64 or int64") from None
 
 
 def _groups(file: ModelFile, values: Any, n_faces: int) -> tuple[list[MeshGroup], NDArray[np.int32]]:
     """Return the groups and each triangle's group; triangles in none get a group without a name."""
     if not isinstance(values, dict):
-        raise file.error("has groups that are not an object of name to [first, end)")
+        raise file.error(
+            "has groups that are not an object", "groups is an object of name to [first, end), in triangles"
+        )
     face_group = np.full(n_faces, -1, np.int32)
     groups: list[MeshGroup] = []
     for name, value in values.items():
@@ -72,7 +74,7 @@ def _groups(file: ModelFile, values: Any, n_faces: int) -> tuple[list[MeshGroup]
         ):
             raise _group_error(file, name, value, n_faces)
         if (face_group[value[0] : value[1]] >= 0).any():
-            raise file.error(f"has a group {name!r} that overlaps another")
+            raise file.error(f"has a group {name!r} that overlaps another", "a triangle belongs to at most one group")
         face_group[value[0] : value[1]] = len(groups)
         groups.append(MeshGroup((name,)))
     if (face_group < 0).any():

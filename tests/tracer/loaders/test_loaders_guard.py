@@ -55,7 +55,7 @@ def test_a_batch_keeps_its_order_and_one_bad_file_spoils_no_other(tmp_path):
     assert str(second).startswith("second.obj: line 2: a face uses vertex 2")
     assert third.tolist() == [[[255, 0, 0], [255, 0, 0]]]
     assert str(fourth).startswith("fourth.png: is not an image")
-    assert str(fifth) == "fifth.stl: cannot be read (No such file or directory)"
+    assert str(fifth) == "fifth.stl: cannot be read (No such file or directory); put it there, or name another file"
     assert str(tmp_path) not in f"{second}{fourth}{fifth}"  # no path of this machine
 
 
@@ -175,7 +175,10 @@ def test_model_files_name_no_path(tmp_path):
     file = ModelFile(tmp_path / "absent.obj", "their name.obj", None, DEFAULT_LIMITS)
     with pytest.raises(LoadError) as caught:
         file.read()
-    assert str(caught.value) == "their name.obj: cannot be read (No such file or directory)"
+    assert (
+        str(caught.value)
+        == "their name.obj: cannot be read (No such file or directory); put it there, or name another file"
+    )
 
 
 def test_the_service_s_big_models():

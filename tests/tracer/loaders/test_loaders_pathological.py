@@ -97,6 +97,7 @@ def test_pathological(loaded, name):
         assert isinstance(result, LoadError), "should have been refused"
         assert result.file == name.rpartition("/")[2]
         assert expected in result.reason
+        assert result.mend
         assert str(DATA) not in str(result)
         return
     assert isinstance(result, MeshData), f"should have been loaded: {result}"
