@@ -149,7 +149,7 @@ _ERRORS: Final[dict[str, tuple[FieldFault, ...]]] = {
     "scene-invalid": (FieldFault("/scene/camera/fov_deg", "is 190", "a number >= 1e-06 and <= 179.999"),),
     "request-invalid": (FieldFault("/output/tile_size", "is 50", "a multiple of 16"),),
     "assets-missing": (FieldFault("/scene/assets/car", "is not in the store", "PUT /v1/assets/{sha256} first"),),
-    "parameters-invalid": (FieldFault("/query/limit", "is 0", "a valid value of the query parameter"),),
+    "parameters-invalid": (FieldFault("/query/limit", 'is the text "0"', "a whole number >= 1 and <= 200"),),
 }
 
 

@@ -7,11 +7,14 @@ Source: RFC 9457; the error hierarchy in worker/errors.py.
 
 import errno
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from pydantic import TypeAdapter
+from pydantic.fields import FieldInfo
 from redis.exceptions import RedisError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
@@ -19,8 +22,10 @@ from starlette.routing import BaseRoute, Match, Route
 
 from service import problems
 from service.middleware import REQUEST_ID
-from service.problems import FieldFault, Problem, ProblemType, render_problem
-from tracer.scene.faults import pointer_of
+from service.problems import Problem, ProblemType, render_problem
+from service.validation import invalid
+from tracer.scene.faults import Fault, pointer_of, shown
+from tracer.scene.schema import Schema, described, without_references
 from worker import errors
 
 log = structlog.get_logger()
@@ -58,9 +63,16 @@ def from_farm(error: errors.FarmError) -> Problem:
         case errors.HashMismatchError():
             return Problem(problems.HASH_MISMATCH, f"Nothing was stored: {error}.")
         case errors.IdempotencyConflictError():
-            return Problem(problems.IDEMPOTENCY_MISMATCH, "The Idempotency-Key belongs to a request with another body.")
+            return Problem(
+                problems.IDEMPOTENCY_MISMATCH,
+                "The Idempotency-Key belongs to a request with another body: use a new key.",
+            )
         case errors.StoreFullError():
-            return Problem(problems.STORE_FULL, "The store has no space left; nothing was accepted.", headers=_RETRY)
+            return Problem(
+                problems.STORE_FULL,
+                "The store has no space left; nothing was accepted. Delete jobs that have ended, or free some space.",
+                headers=_RETRY,
+            )
         case errors.QueueError():
             return Problem(problems.QUEUE_UNAVAILABLE, "Redis does not answer for now.", headers=_RETRY)
         case errors.DamagedRecordError():
@@ -70,14 +82,26 @@ def from_farm(error: errors.FarmError) -> Problem:
     return Problem(problems.STORE_UNAVAILABLE, "The store could not do what was asked.", headers=_RETRY)
 
 
-def from_validation(error: RequestValidationError) -> Problem:
+def from_validation(request: Request, error: RequestValidationError) -> Problem:
     """Return the problem for query parameters and headers that FastAPI refused."""
+    dependant = cast("APIRoute", request.scope["route"]).dependant
+    expected = {
+        (place, field.alias): described(_schema_of_parameter(field.field_info))
+        for place, fields in (("query", dependant.query_params), ("header", dependant.header_params))
+        for field in fields
+    }
     faults = []
     for item in error.errors():
-        place, *names = item["loc"]
-        shown = pointer_of(place, *names)
-        faults.append(FieldFault(shown, str(item["msg"]), f"a valid value of the {place} parameter"))
-    return Problem(problems.PARAMETERS_INVALID, f"{len(faults)} parameter(s) cannot be used.", errors=faults)
+        place, name = item["loc"][:2]
+        faults.append(Fault(pointer_of(place, name), f"is {shown(item['input'])}", expected[place, name]))
+    return invalid(problems.PARAMETERS_INVALID, faults)
+
+
+def _schema_of_parameter(info: FieldInfo) -> Schema:
+    kind: Any = Annotated[info.annotation, info]
+    schema = without_references(TypeAdapter(kind).json_schema())
+    options = [option for option in schema.pop("anyOf", ()) if option != {"type": "null"}]
+    return {**options[0], **schema} if options else schema  # the description of an enum's class is for programmers
 
 
 def from_http(request: Request, error: HTTPException, routes: Sequence[BaseRoute]) -> Problem:
@@ -110,7 +134,7 @@ def install_handlers(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
         return answer(request, from_farm(cast("errors.FarmError", error)))
 
     async def on_validation(request: Request, error: Exception) -> Response:
-        return answer(request, from_validation(cast("RequestValidationError", error)))
+        return answer(request, from_validation(request, cast("RequestValidationError", error)))
 
     async def on_http(request: Request, error: Exception) -> Response:
         return answer(request, from_http(request, cast("HTTPException", error), routes))

@@ -6,13 +6,13 @@ ones (`service.parsing`), and whatever comes in, the outcome is a value or a `Pr
 Source: RFC 8259, RFC 6901; the scene's own rules are in `tracer.scene`.
 """
 
+import functools
 import hashlib
 import json
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
 
 from service import problems
 from service.estimate import assets_of, estimate
@@ -20,7 +20,9 @@ from service.problems import FieldFault, Problem
 from service.schemas import Estimate, JobOptions
 from tracer.scene import Fault, SceneDoc, SceneError, canonical_json, parse_scene
 from tracer.scene.faults import is_text, merged, pointer_of, shown
+from tracer.scene.schema import Schema, without_references
 from tracer.scene.text import load_json, plain
+from tracer.scene.translate import faults_of
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -86,7 +88,8 @@ def parse_job(body: bytes) -> ParsedJob:
     try:
         options = JobOptions.model_validate(envelope)
     except ValidationError as error:
-        faults += [_fault(details, JobOptions, also=("scene",)) for details in error.errors(include_url=False)]
+        schema = _schema_of(JobOptions)
+        faults += faults_of(error, envelope, {**schema, "properties": {"scene": {}, **schema["properties"]}})
 
     scene = None
     scene_faults: tuple[Fault, ...] = ()
@@ -127,8 +130,7 @@ def validate_body(model: type[Model], value: object) -> Model:
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        faults = [_fault(details, model) for details in error.errors(include_url=False)]
-        raise invalid(problems.REQUEST_INVALID, faults) from None
+        raise invalid(problems.REQUEST_INVALID, list(faults_of(error, value, _schema_of(model)))) from None
 
 
 def invalid(kind: problems.ProblemType, faults: list[Fault]) -> Problem:
@@ -152,29 +154,7 @@ def _load(body: bytes) -> object:
         raise invalid(kind, [fault]) from None
 
 
-def _fault(details: ErrorDetails, model: type[BaseModel], also: tuple[str, ...] = ()) -> Fault:
-    """Return the fault for one error of pydantic; `also` names members that are handled elsewhere."""
-    pointer = pointer_of(*details["loc"])
-    kind, context = details["type"], details.get("ctx", {})
-    value = details["input"]
-    if kind == "missing":
-        return Fault(pointer, "is missing", "this member")
-    if kind == "extra_forbidden":
-        names = ", ".join(sorted({*model.model_fields, *also})) if len(details["loc"]) == 1 else "a known member"
-        return Fault(pointer, "is no known member", f"one of {names}" if len(details["loc"]) == 1 else names)
-    expected = {
-        "greater_than_equal": "a number >= {ge}",
-        "less_than_equal": "a number <= {le}",
-        "multiple_of": "a multiple of {multiple_of}",
-        "literal_error": "{expected}",
-        "int_type": "a whole number",
-        "string_type": "a text",
-        "list_type": "an array",
-        "dict_type": "an object",
-        "model_type": "an object",
-        "string_too_short": "a text of at least {min_length} characters",
-        "string_too_long": "a text of at most {max_length} characters",
-        "too_long": "at most {max_length} items",
-        "string_pattern_mismatch": "text like {pattern}",
-    }.get(kind, details["msg"])
-    return Fault(pointer, f"is {shown(value)}", expected.format(**context) if context else expected)
+@functools.cache
+def _schema_of(model: type[BaseModel]) -> Schema:
+    """Return the schema by which faults of a model say what would be right."""
+    return without_references(model.model_json_schema())

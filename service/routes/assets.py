@@ -21,6 +21,7 @@ from service.openapi import json_body, problem_answers
 from service.problems import FieldFault, Problem
 from service.schemas import AssetAnswer, AssetQuery, AssetView
 from service.validation import validate_body
+from tracer.scene.faults import shown
 from worker.errors import AssetTooLargeError, BadNameError
 from worker.records import check_sha256
 
@@ -95,7 +96,7 @@ async def put_asset(request: Request, context: InContext, sha256: Sha256Path) ->
     try:
         check_sha256(sha256)
     except BadNameError:
-        fault = FieldFault("", "The name in the URL is not a SHA-256.", "64 lowercase hexadecimal digits")
+        fault = FieldFault("/path/sha256", f"is {shown(sha256)}", "64 lowercase hexadecimal digits")
         raise Problem(problems.HASH_MISMATCH, "The URL must end in the content's SHA-256.", errors=[fault]) from None
     limit_bytes = context.settings.max_asset_bytes
     refuse_length(request, limit_bytes)

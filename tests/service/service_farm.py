@@ -136,6 +136,8 @@ def assert_problem(answer: httpx.Response, status: int, slug: str) -> dict[str, 
     for fault in body.get("errors", []):
         assert set(fault) == {"pointer", "detail", "expected"}
         assert fault["pointer"] == "" or fault["pointer"].startswith("/")
+        assert fault["detail"]
+        assert fault["expected"]
     return dict(body)
 
 

@@ -151,20 +151,22 @@ def test_missing(farm: Farm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "pointer"),
+    ("body", "pointer", "expected"),
     [
-        ({}, "/sha256"),
-        ({"sha256": "x"}, "/sha256"),
-        ({"sha256": ["x"]}, "/sha256/0"),
-        ({"sha256": [1]}, "/sha256/0"),
-        ({"sha256": ["../../etc"]}, "/sha256/0"),
-        ({"sha256": [], "more": 1}, "/more"),
-        ([], ""),
+        ({}, "/sha256", "an array of at most 10000 items, each 64 lower-case hex digits"),
+        ({"sha256": "x"}, "/sha256", "an array of at most 10000 items, each 64 lower-case hex digits"),
+        ({"sha256": ["x"]}, "/sha256/0", "64 lower-case hex digits"),
+        ({"sha256": [1]}, "/sha256/0", "64 lower-case hex digits"),
+        ({"sha256": ["../../etc"]}, "/sha256/0", "64 lower-case hex digits"),
+        ({"sha256": [], "more": 1}, "/more", '"sha256"'),
+        ([], "", "an object"),
     ],
 )
-def test_questions_that_are_none(farm: Farm, body: Any, pointer: str) -> None:
+def test_questions_that_are_none(farm: Farm, body: Any, pointer: str, expected: str) -> None:
     problem = assert_problem(farm.client.post("/v1/assets:missing", json=body), 422, "request-invalid")
-    assert [fault["pointer"] for fault in problem["errors"]] == [pointer]
+    (fault,) = problem["errors"]
+    assert fault["pointer"] == pointer
+    assert fault["expected"].startswith(expected)
 
 
 def test_a_scene_waits_for_its_assets(farm: Farm) -> None:

@@ -87,12 +87,20 @@ def test_every_fault_is_listed_with_its_pointer(farm: Farm) -> None:
         "extra": 1,
     }
     problem = assert_problem(farm.post(body=body), 422, "request-invalid")
-    pointers = {fault["pointer"] for fault in problem["errors"]}
-    assert pointers == {
-        "/output/tile_size", "/output/png_color_space", "/output/quality", "/priority", "/name", "/extra",
-        "/scene/camera/fov_deg", "/scene/image/width",
-    }  # fmt: skip
-    for pointer in pointers:
+    found = {fault["pointer"]: fault["expected"] for fault in problem["errors"]}
+    expected = {
+        "/output/tile_size": "a whole number >= 16 and <= 512, a multiple of 16",
+        "/output/png_color_space": 'one of "srgb", "linear"',
+        "/output/quality": 'one of "png_color_space", "tile_size"',
+        "/priority": "a whole number >= 0 and <= 100",
+        "/name": "a text, not empty, of at most 200 characters",
+        "/extra": 'one of "name", "output", "priority", "scene"',
+        "/scene/camera/fov_deg": "a number",
+        "/scene/image/width": "a whole number >= 1",
+    }
+    assert set(found) == set(expected)
+    for pointer, text in expected.items():
+        assert found[pointer].startswith(text)
         resolve(pointer, body)
 
 

@@ -59,6 +59,7 @@ def test_the_job_of_a_deleted_key_is_made_anew(farm: Farm) -> None:
 def test_keys_of_unfit_length(farm: Farm, key: str) -> None:
     body = assert_problem(farm.post(headers={KEY: key}), 422, "parameters-invalid")
     assert body["errors"][0]["pointer"] == "/header/idempotency-key"
+    assert body["errors"][0]["expected"].startswith("a text, not empty, of at most 255 characters")
 
 
 def test_a_key_in_flight_is_refused_until_its_request_is_answered(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:

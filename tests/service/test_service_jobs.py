@@ -164,10 +164,23 @@ def test_a_damaged_job_does_not_hide_the_others(farm: Farm) -> None:
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("query", ["limit=0", "limit=201", "limit=x", "state=lost", "cursor=" + "x" * 65])
-def test_bad_parameters_are_named(farm: Farm, query: str) -> None:
+@pytest.mark.parametrize(
+    ("query", "expected"),
+    [
+        ("limit=0", "a whole number >= 1 and <= 200"),
+        ("limit=201", "a whole number >= 1 and <= 200"),
+        ("limit=x", "a whole number >= 1 and <= 200"),
+        ("state=lost", 'one of "queued", "preparing"'),
+        ("cursor=" + "x" * 65, "a text of at most 64 characters"),
+    ],
+)
+def test_bad_parameters_are_named(farm: Farm, query: str, expected: str) -> None:
     body = assert_problem(farm.client.get(f"/v1/jobs?{query}"), 422, "parameters-invalid")
-    assert [fault["pointer"] for fault in body["errors"]] == ["/query/" + query.partition("=")[0]]
+    name, _, value = query.partition("=")
+    (fault,) = body["errors"]
+    assert fault["pointer"] == f"/query/{name}"
+    assert value[:9] in fault["detail"]
+    assert fault["expected"].startswith(expected)
 
 
 # ---- cancel, delete --------------------------------------------------------------------------------------------------

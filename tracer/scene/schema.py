@@ -35,7 +35,23 @@ def json_schema() -> Schema:
     return copy.deepcopy(_schema())
 
 
-def schema_at(document: object, tokens: Sequence[str | int]) -> Schema | None:
+def without_references(schema: Schema) -> Schema:
+    """Write out every reference of a schema that pydantic made; not for one that refers to itself."""
+    targets = schema.get("$defs", {})
+
+    def written_out(node: Any) -> Any:
+        if isinstance(node, list):
+            return [written_out(item) for item in node]
+        if not isinstance(node, dict):
+            return node
+        whole = {**targets[node["$ref"].rsplit("/", 1)[1]], **node} if "$ref" in node else node
+        return {key: written_out(value) for key, value in whole.items() if key not in {"$ref", "$defs"}}
+
+    found: Schema = written_out(schema)
+    return found
+
+
+def schema_at(document: object, tokens: Sequence[str | int], root: Schema | None = None) -> Schema | None:
     """Find the schema of the value at a place of a document, or None when no schema speaks of it.
 
     Parameters
@@ -44,9 +60,11 @@ def schema_at(document: object, tokens: Sequence[str | int]) -> Schema | None:
         The document (plain values), needed to choose among kinds by their `type`.
     tokens : sequence of str or int
         Path from the root; the last one may be missing from the document.
+    root : dict, optional
+        Schema of the whole document, without references; that of scenes by default.
 
     """
-    node: Schema | None = _resolved(_schema(), document)
+    node: Schema | None = _resolved(_schema() if root is None else root, document)
     value = document
     for token in tokens:
         if node is None:
@@ -169,4 +187,5 @@ def _range(node: Schema) -> str:
     """Range of a number in words."""
     signs = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
     parts = [f"{sign} {node[key]:.12g}" for key, sign in signs.items() if key in node]
-    return " " + " and ".join(parts) if parts else ""
+    step = f", a multiple of {node['multipleOf']:.12g}" if "multipleOf" in node else ""
+    return (" " + " and ".join(parts) if parts else "") + step

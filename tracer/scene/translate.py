@@ -24,13 +24,13 @@ _UNIONS: tuple[tuple[object, ...], ...] = (
 """Places of tagged unions; there pydantic puts the tag after the path. A test compares this with the schema."""
 
 
-def faults_of(error: ValidationError, document: object) -> Iterator[Fault]:
-    """Faults of a failed validation of `document` (plain values)."""
+def faults_of(error: ValidationError, document: object, schema: Schema | None = None) -> Iterator[Fault]:
+    """Faults of a failed validation of `document` (plain values); `schema` as `root` of `schema_at`."""
     for details in error.errors(include_url=False):
         if details["type"] == "default_factory_not_called":
             continue  # about a member that is left out and whose default follows another one, which has its own error
         tokens = _path(details["loc"], document)
-        yield from _faults(details, tokens, document)
+        yield from _faults(details, tokens, document, schema)
 
 
 def _path(location: Sequence[str | int], document: object) -> list[str | int]:
@@ -66,19 +66,19 @@ def _value_at(document: object, tokens: Sequence[str | int]) -> Any:
     return value
 
 
-def _faults(details: ErrorDetails, tokens: list[str | int], document: object) -> Iterator[Fault]:
+def _faults(details: ErrorDetails, tokens: list[str | int], document: object, schema: Schema | None) -> Iterator[Fault]:
     """Faults of one error."""
     pointer, kind, context = pointer_of(*tokens), details["type"], details.get("ctx", {})
     if kind == FAULTS_ERROR_TYPE:
         for fault in context["faults"]:
             yield fault.below(pointer)
         return
-    node = schema_at(document, tokens)
+    node = schema_at(document, tokens, schema)
     value = _value_at(document, tokens)
     if kind == "missing":
         yield Fault(pointer, "is missing", described(node))
     elif kind == "extra_forbidden":
-        yield _unknown_member(tokens, document)
+        yield _unknown_member(tokens, document, schema)
     elif kind == "union_tag_not_found":
         yield Fault(pointer + "/type", "is missing", one_of(kinds(node)))
     elif kind == "union_tag_invalid":
@@ -91,9 +91,9 @@ def _faults(details: ErrorDetails, tokens: list[str | int], document: object) ->
         yield Fault(pointer, _message(kind, value, details, node), described(node))
 
 
-def _unknown_member(tokens: list[str | int], document: object) -> Fault:
+def _unknown_member(tokens: list[str | int], document: object, schema: Schema | None) -> Fault:
     """Fault of a member that no model knows."""
-    allowed = member_names(schema_at(document, tokens[:-1]))
+    allowed = member_names(schema_at(document, tokens[:-1], schema))
     name = str(tokens[-1])
     return Fault(pointer_of(*tokens), f"is no known member{closest(name, allowed)}", one_of(allowed))
 
