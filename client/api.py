@@ -30,6 +30,7 @@ from client.errors import (
     SmaltiError,
     TimedOutError,
     UsageError,
+    parse_faults,
 )
 from client.models import Job, JobPage
 from client.transport import CHUNK_BYTES, Transport
@@ -391,4 +392,4 @@ def require_success(job: Job) -> None:
     if job.is_terminal and job.state != "succeeded":
         problem = job.problem or {}
         reason = str(problem.get("detail") or problem.get("title") or job.state)
-        raise JobFailedError(f"job {job.id} failed: {reason}", problem=job.problem)
+        raise JobFailedError(f"job {job.id} failed: {reason}", faults=parse_faults(problem), problem=job.problem)

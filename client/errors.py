@@ -165,7 +165,7 @@ class DownloadError(SmaltiError):
 
 
 def parse_faults(problem: Mapping[str, Any]) -> tuple[Fault, ...]:
-    """Read the `errors` list of a 422 problem document; entries of an unknown form are skipped."""
+    """Read the `errors` list of a problem document; entries of an unknown form are skipped."""
     entries = problem.get("errors")
     if not isinstance(entries, list):
         return ()

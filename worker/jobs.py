@@ -217,7 +217,7 @@ def fail(store: Store, queue: Queue, job_id: str, problem: Mapping[str, Any], *,
     Where the store cannot take the event (`StoreFullError`), nothing is stopped: the fault comes again, and then this.
     """
     try:
-        transition(store, queue, job_id, JobState.FAILED, by=by, detail=problem)
+        transition(store, queue, job_id, JobState.FAILED, by=by, detail={**problem, **_work_done(store, queue, job_id)})
     except (IllegalTransitionError, JobNotFoundError):
         is_failed = False
     else:
@@ -258,11 +258,19 @@ def cancel(store: Store, queue: Queue, job_id: str, *, by: str = "api") -> JobEv
 def finish_cancel(store: Store, queue: Queue, job_id: str, *, by: str) -> JobEvent | None:
     """Record that a job being canceled is canceled, once nobody works on it; None if it was not being canceled."""
     try:
-        event = transition(store, queue, job_id, JobState.CANCELED, by=by)
+        event = transition(store, queue, job_id, JobState.CANCELED, by=by, detail=_work_done(store, queue, job_id))
     except (IllegalTransitionError, JobNotFoundError):
         return None
     clean_up(store, queue, job_id)
     return event
+
+
+def _work_done(store: Store, queue: Queue, job_id: str) -> dict[str, int]:
+    """Return what the last event of a job keeps of its progress: tiles and index are gone after it."""
+    index: IndexProgress | None = None
+    with suppress(QueueError):
+        index = queue.progress(job_id)
+    return {"tiles_done": len(store.done_tiles(job_id)), "rays": 0 if index is None else index.rays}
 
 
 def clean_up(store: Store, queue: Queue, job_id: str) -> None:
@@ -313,12 +321,15 @@ def view(store: Store, queue: Queue, job_id: str) -> JobView:
 
 
 def _progress(store: Store, queue: Queue, record: JobRecord, event: JobEvent) -> Progress:
-    """Return the progress of a job: from its summary at the end, from the index while it runs, else from the tiles."""
+    """Return a job's progress: from its last event at the end, from the index while it runs, else from the tiles."""
     total = record.n_tiles
+    kept = event.detail or {}
     if event.state is JobState.SUCCEEDED:
-        summary = event.detail or {}
-        return Progress(total, total, 1.0, int(summary.get("rays", 0)), summary.get("rays_per_s"), 0.0)
-    if event.state in TERMINAL or event.state in {JobState.QUEUED, JobState.PREPARING}:
+        return Progress(total, total, 1.0, int(kept.get("rays", 0)), kept.get("rays_per_s"), 0.0)
+    if event.state in TERMINAL:
+        done = int(kept.get("tiles_done", 0))
+        return Progress(done, total, done / total, int(kept.get("rays", 0)), None, None)
+    if event.state in {JobState.QUEUED, JobState.PREPARING}:
         return Progress(0, total, 0.0, 0, None, None)
     index: IndexProgress | None = None
     with suppress(QueueError):

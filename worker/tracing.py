@@ -45,13 +45,15 @@ class TracerBackend:
         except SceneError as error:
             raise scene_fault(error) from error
         except LoadError as error:
+            pointer = f"/scene{error.pointer}"
+            fault = {"pointer": pointer, "detail": f"{error.file}: {error.reason}", "expected": error.mend}
             raise SceneFaultError(
                 "asset-invalid",
                 "A file of the scene cannot be used",
                 str(error),
                 file=error.file,
-                pointer=f"/scene{error.pointer}" if error.pointer else None,
-                expected=error.mend or None,
+                pointer=pointer,
+                errors=[fault],
             ) from error
         if not stats.from_cache:  # only then has the cache grown
             trim_cache(cache / "scenes", MAX_CACHE_BYTES)

@@ -94,6 +94,7 @@ def test_each_is_rendered_or_refused_by_name(tmp_path: Path) -> None:
                 assert model.name in json.dumps(problem), (model.name, problem)
                 assert problem["pointer"].startswith(("/objects/0", "/scene/objects/0", "/scene/assets", "/assets"))
                 assert len(problem["detail"]) > 15, problem
+                assert problem["errors"][0]["expected"], problem
             else:
                 assert job["state"] == "succeeded", (model.name, job["problem"])
                 picture = tmp_path / "picture.exr"

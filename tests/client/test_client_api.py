@@ -10,7 +10,7 @@ import pytest
 
 from client import Client, SmaltiError
 from client.assets import prepare_scene, sha256_file
-from client.errors import AssetError, ConflictError, JobCanceledError, JobFailedError, NotFoundError, UsageError
+from client.errors import AssetError, ConflictError, Fault, JobCanceledError, JobFailedError, NotFoundError, UsageError
 
 SCENE = {"version": 1, "camera": {"type": "perspective", "fov_deg": 40}, "image": {"width": 4, "height": 3}}
 
@@ -162,9 +162,9 @@ def test_ids_never_change_the_path(fake: Any) -> None:
 
 def test_wait_raises_what_the_job_ended_with(fake: Any) -> None:
     fake.add_job("ok", "succeeded")
-    fake.add_job(
-        "bad", "failed", problem={"type": "x", "title": "Bad mesh", "detail": "mesh.obj: face index out of range"}
-    )
+    fault = {"pointer": "/scene/objects/0/asset", "detail": "mesh.obj: bad", "expected": "export it again"}
+    problem = {"type": "x", "title": "Bad mesh", "detail": "mesh.obj: face index out of range", "errors": [fault]}
+    fake.add_job("bad", "failed", problem=problem)
     fake.add_job("off", "canceled")
     client = fake.client()
     assert client.wait("ok").state == "succeeded"
@@ -172,6 +172,7 @@ def test_wait_raises_what_the_job_ended_with(fake: Any) -> None:
         client.wait("bad")
     assert caught.value.problem is not None
     assert caught.value.problem["title"] == "Bad mesh"
+    assert caught.value.faults == (Fault("/scene/objects/0/asset", "mesh.obj: bad", "export it again"),)
     with pytest.raises(JobCanceledError):
         client.wait("off")
     assert client.wait("off", check=False).state == "canceled"

@@ -111,6 +111,27 @@ def test_leased_job_is_canceling_until_the_worker_lets_go(farm: SmallFarm):
     assert farm.state(job_id) == "canceled"
 
 
+@pytest.mark.parametrize("end", ["canceled", "failed"])
+def test_job_that_ended_early_still_tells_what_was_done(farm: SmallFarm, end: str):
+    job_id = farm.submit(width=32, height=32)
+    for state in (JobState.PREPARING, JobState.RENDERING):
+        farm.store.transition(job_id, state, by="w")
+    farm.queue.init_job(job_id, 4, 2)
+    farm.store.write_tile(job_id, 0, b"x")
+    farm.queue.lease_next(farm.queue.epoch(), job_id, "w", finished=0, rays=300)
+    farm.queue.release("w")
+    if end == "canceled":
+        jobs.cancel(farm.store, farm.queue, job_id)
+    else:
+        jobs.fail(farm.store, farm.queue, job_id, {"type": "x"}, by="w")
+    view = jobs.view(farm.store, farm.queue, job_id)
+    assert view.state == end
+    assert farm.store.done_tiles(job_id) == []
+    progress = view.progress
+    assert (progress.tiles_done, progress.tiles_total, progress.fraction, progress.rays) == (1, 4, 0.25, 300)
+    assert (progress.rays_per_s, progress.eta_s) == (None, None)
+
+
 def test_full_store_leaves_a_failing_job_to_be_tried_again(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
     """Stopped but not failed, it would stand still for ever."""
 
