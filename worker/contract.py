@@ -30,6 +30,8 @@ LEASE_TTL_MS = 3000
 RENEW_EVERY_S = 1.0
 JANITOR_EVERY_S = 0.5
 RECONCILE_EVERY_S = 3.0
+# A steward that is gone, or busy rebuilding, holds its Redis for its store this long: ten of its ticks.
+STORE_TTL_S = 5
 # A job without a sign of life for this long gets its hint again: longer than a hint waits in an idle farm.
 STALLED_AFTER_S = 2.0
 
@@ -59,6 +61,7 @@ KEY_DEADLINES = "sm:L"  # sorted set worker -> deadline, ms of Redis' clock
 KEY_PREPARING = "sm:P"  # hash job -> worker that prepares it
 KEY_ACTIVE = "sm:active"  # set of job ids in the index
 KEY_WORKERS = "sm:workers"  # hash worker -> JSON with its last sign of life
+KEY_STORE = "sm:store"  # string with a time to live: identity of the store that all of this is about
 KEY_CLAIM = "sm:a:"  # + job id: string with a time to live, the assembler that owns the job
 
 # ---- wake-ups (pub/sub: a lost message costs a poll, never a job) --------------------------------------------------

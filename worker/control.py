@@ -18,7 +18,8 @@ import structlog
 
 from worker import contract
 from worker.context import WorkerContext
-from worker.errors import QueueError
+from worker.errors import QueueError, WrongStoreError
+from worker.identity import check_store
 from worker.wire import connect
 
 log = structlog.get_logger()
@@ -71,6 +72,7 @@ class ControlThread(threading.Thread):
     def _renew(self) -> None:
         context = self._context
         try:
+            check_store(context.store, context.queue)
             job = context.job
             # A lease of no current job was left by a task that ended badly: it must run out.
             if job is not None and context.name in context.queue.renew([context.name]):
@@ -84,6 +86,9 @@ class ControlThread(threading.Thread):
                 progress = context.queue.progress(job)
                 if progress is not None and progress.stopped:
                     context.cancel_job(job)
+        except WrongStoreError as error:
+            log.error("wrong store", error=str(error))  # noqa: TRY400 - the message says it all
+            os.kill(os.getpid(), signal.SIGTERM)  # the service came up after this worker: end as if told to
         except QueueError as error:
             log.warning("lease not renewed", error=str(error))
 

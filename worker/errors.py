@@ -20,7 +20,8 @@
     |-- IdempotencyConflictError    same key, other request
     |-- JobActiveError              the call needs a job that has ended
     |-- ServerStartError            the embedded Valkey did not come up
-    `-- StoreInUseError             another supervisor holds this store
+    |-- StoreInUseError             another supervisor holds this store
+    `-- WrongStoreError             the queue's server belongs to another store
 """
 
 from collections.abc import Sequence
@@ -129,3 +130,7 @@ class ServerStartError(FarmError):
 
 class StoreInUseError(FarmError):
     """Another supervisor is using this store."""
+
+
+class WrongStoreError(FarmError):
+    """The queue's server belongs to a farm with another store."""

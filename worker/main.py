@@ -63,6 +63,8 @@ def _run_worker(settings: FarmSettings, name: str | None) -> int:
     from worker.backends import load_backend
     from worker.context import WorkerContext
     from worker.control import ControlThread, SignalThread
+    from worker.errors import QueueError, WrongStoreError
+    from worker.identity import check_store
     from worker.queue import Queue
     from worker.store import Store
     from worker.worker import FarmWorker
@@ -72,6 +74,13 @@ def _run_worker(settings: FarmSettings, name: str | None) -> int:
     backend = load_backend(settings.backend)
     backend.warm()
     context = WorkerContext(settings, name, Store(settings.store), Queue(str(settings.redis_url)), backend)
+    try:
+        check_store(context.store, context.queue)
+    except WrongStoreError as error:
+        log.error("not started", error=str(error))  # noqa: TRY400 - the message says it all
+        return 1
+    except QueueError:
+        pass  # the control thread looks again each second
     worker = FarmWorker(context)
     SignalThread(context).start()
     signal.signal(signal.SIGTERM, worker.request_stop)

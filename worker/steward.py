@@ -15,8 +15,9 @@ from datetime import UTC, datetime
 import structlog
 
 from worker import contract, jobs
-from worker.errors import BadNameError, DamagedRecordError, FarmError, JobNotFoundError, QueueError
+from worker.errors import BadNameError, DamagedRecordError, FarmError, JobNotFoundError, QueueError, WrongStoreError
 from worker.grid import grid_of
+from worker.identity import claim_store
 from worker.leases import lease_lost
 from worker.queue import Queue
 from worker.records import JobEvent
@@ -70,13 +71,22 @@ class Steward:
                     self.sweep()
             except QueueError as error:
                 log.warning("queue away", error=str(error))
+            except WrongStoreError as error:
+                log.error("wrong store", error=str(error))  # noqa: TRY400 - the message says it all
             except Exception:
                 log.exception("steward stumbled")
             self._stopped.wait(contract.JANITOR_EVERY_S)
         self._save()
 
     def tick(self) -> bool:
-        """End overdue leases; rebuild the index if it is not complete, and return whether that was so."""
+        """End overdue leases; rebuild the index if it is not complete, and return whether that was so.
+
+        Raises
+        ------
+        WrongStoreError
+            The index is about another store's jobs, and not to be touched.
+        """
+        claim_store(self._store, self._queue)
         sweep = self._queue.expire()
         for worker, job_id, tile in sweep.expired:
             try:

@@ -15,23 +15,23 @@ See ARCHITECTURE.md, "Two ideas carry it".
     jobs/<id>/result.exr|.png, report.json, preview.png
     idempotency/<owner>/<key-hash>     request hash and job id, durable before 202
     steward/terminal.json              checkpoint of jobs that have ended: a restart need not open them
+    identity                           made up once: tells this store from every other (`worker.identity`)
     tmp/                               files on their way; swept by the steward
 """
 # os calls where they are measurably cheaper (listing 10,000 jobs) or have no Path spelling
-# ruff: noqa: PTH100, PTH108, PTH123, PTH208
+# ruff: noqa: PTH100, PTH108, PTH208
 
 import json
 import os
 import secrets
 import shutil
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from worker import files
-from worker.contract import RESULT_NAMES
 from worker.errors import (
     BadNameError,
     ConflictError,
@@ -39,6 +39,7 @@ from worker.errors import (
     IllegalTransitionError,
     JobNotFoundError,
 )
+from worker.products import Products
 from worker.records import JobEvent, JobRecord, check_job_id, now
 from worker.states import TERMINAL, JobState, allowed_from, can_transition
 from worker.uploads import Uploads
@@ -53,7 +54,7 @@ _SURELY_OLD_S = 10.0
 _REMEMBERED = 20_000
 
 
-class Store(Uploads):
+class Store(Uploads, Products):
     """Plain files under one folder; safe to use from many processes and threads at once.
 
     Parameters
@@ -65,16 +66,22 @@ class Store(Uploads):
     def __init__(self, root: Path) -> None:
         self.root = Path(os.path.abspath(root))
         self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        super().__init__(self.root)
-        self._jobs = self.root / "jobs"
-        self._jobs.mkdir(exist_ok=True)
+        Uploads.__init__(self, self.root)
+        jobs = self.root / "jobs"
+        jobs.mkdir(exist_ok=True)
+        Products.__init__(self, jobs, self.temporary)
         self._terminal: dict[str, JobEvent] = {}
 
-    # ---- jobs -----------------------------------------------------------------------------------------------------
+    @property
+    def identity(self) -> str:
+        """Name of this store, made up by whoever asked first: the same on every machine that shares its files."""
+        path = self.root / "identity"
+        with suppress(FileNotFoundError):
+            return path.read_text()
+        files.create(path, secrets.token_hex(16).encode(), self.temporary)
+        return path.read_text()
 
-    def job_dir(self, job_id: str) -> Path:
-        """Return the folder of a job, existing or not; `BadNameError` if the id is none."""
-        return self._jobs / check_job_id(job_id)
+    # ---- jobs -----------------------------------------------------------------------------------------------------
 
     def has_job(self, job_id: str) -> bool:
         """Whether there is such a job."""
@@ -237,99 +244,6 @@ class Store(Uploads):
             with suppress(ConflictError):
                 return self.append_event(job_id, type_, last.state, last, by=by, detail=detail)
 
-    # ---- plan, tiles, results -------------------------------------------------------------------------------------
-
-    def write_plan(self, job_id: str, plan: Mapping[str, Any]) -> bool:
-        """Write the plan once; False if there is one. Not fsynced: what it says can be found out again."""
-        path = self.job_dir(job_id) / "plan.json"
-        try:
-            return files.create(path, json.dumps(plan, indent=1).encode(), self.temporary, durable=False)
-        except FileNotFoundError:
-            raise JobNotFoundError(f"no job {job_id}") from None
-
-    def read_plan(self, job_id: str) -> dict[str, Any] | None:
-        """Return the plan, or None where there is none (or one that a power failure damaged)."""
-        try:
-            plan: dict[str, Any] = json.loads(self._read(job_id, "plan.json"))
-        except (FileNotFoundError, ValueError):
-            return None
-        return plan
-
-    def tile_path(self, job_id: str, tile: int, pass_index: int = 0) -> Path:
-        """Return the file of a tile, existing or not."""
-        return self.job_dir(job_id) / "tiles" / f"{int(pass_index)}-{int(tile)}"
-
-    def write_tile(self, job_id: str, tile: int, data: bytes, pass_index: int = 0) -> bool:
-        """Write a film tile if it is not there; True if this call did.
-
-        Not fsynced: a tile lost in a power failure is missed by the steward, a damaged one is found by its checksum.
-        """
-        path = self.tile_path(job_id, tile, pass_index)
-        try:
-            return files.create(path, data, self.temporary, durable=False)
-        except FileNotFoundError:
-            raise JobNotFoundError(f"no job {job_id}") from None
-
-    def read_tile(self, job_id: str, tile: int, pass_index: int = 0) -> bytes:
-        """Return a film tile's bytes; FileNotFoundError where there is none."""
-        return self.tile_path(job_id, tile, pass_index).read_bytes()
-
-    def done_tiles(self, job_id: str, pass_index: int = 0) -> list[int]:
-        """Return the indices of the tiles that are written, ascending."""
-        prefix = f"{int(pass_index)}-"
-        try:
-            names = os.listdir(self.job_dir(job_id) / "tiles")
-        except FileNotFoundError:
-            return []
-        return sorted(int(name[len(prefix) :]) for name in names if name.startswith(prefix))
-
-    def delete_tiles(self, job_id: str) -> None:
-        """Remove the tiles of a job that has ended."""
-        grave = self.temporary / f"tiles-{job_id}-{secrets.token_hex(4)}"
-        with suppress(FileNotFoundError):  # renamed first: a late worker finds no folder instead of a half-empty one
-            (self.job_dir(job_id) / "tiles").rename(grave)
-            shutil.rmtree(grave, ignore_errors=True)
-
-    def assembly_folder(self, job_id: str) -> Path:
-        """Make a working folder for the results of a job, in ``tmp``."""
-        folder = self.temporary / f"assembly-{check_job_id(job_id)}-{secrets.token_hex(4)}"
-        with files.full_is_clear():
-            folder.mkdir()
-        return folder
-
-    def delete_assemblies(self, job_id: str) -> None:
-        """Remove the working folders of a job that are in nobody's use any more."""
-        for folder in self.temporary.glob(f"assembly-{check_job_id(job_id)}-*"):
-            shutil.rmtree(folder, ignore_errors=True)
-
-    def result_path(self, job_id: str, name: str) -> Path:
-        """Return the file of a result, existing or not; `BadNameError` for any name but the four."""
-        if name not in RESULT_NAMES:
-            raise BadNameError(f"no result {name!r}")
-        return self.job_dir(job_id) / name
-
-    def has_result(self, job_id: str, name: str) -> bool:
-        """Whether this result is there."""
-        return self.result_path(job_id, name).is_file()
-
-    def commit_result(self, job_id: str, parts: Mapping[str, Path], *, synced: Collection[str] = ()) -> None:
-        """Move finished files of results into place, all of them durable; existing ones are replaced by equal bytes.
-
-        Parameters
-        ----------
-        job_id
-            Whose.
-        parts
-            Name of the result -> finished file on the same filesystem.
-        synced
-            Names of those that were written through to the disk already.
-        """
-        files.fsync_files([path for name, path in parts.items() if name not in synced])
-        with files.full_is_clear():
-            for name, path in parts.items():
-                path.replace(self.result_path(job_id, name))
-            files.fsync_folder(self.job_dir(job_id))
-
     # ---- housekeeping (the steward's) -----------------------------------------------------------------------------
 
     def sweep(self, older_than_s: float, idempotency_s: float = 86_400.0) -> int:
@@ -388,16 +302,6 @@ class Store(Uploads):
                     raise
                 path.unlink()
             return None
-
-    def _read(self, job_id: str, name: str) -> bytes:
-        folder = self.job_dir(job_id)
-        try:
-            with open(folder / name, "rb") as file:
-                return file.read()
-        except FileNotFoundError:
-            if not folder.is_dir():
-                raise JobNotFoundError(f"no job {job_id}") from None
-            raise
 
 
 def _event_name(seq: int) -> str:

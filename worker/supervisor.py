@@ -30,12 +30,12 @@ from worker import contract
 from worker.embedded import EmbeddedServer
 from worker.errors import FarmError, QueueUnavailableError
 from worker.files import replace
+from worker.identity import check_store
 from worker.leases import lease_lost
 from worker.processes import born
 from worker.queue import Queue
 from worker.settings import FarmSettings
 from worker.store import Store
-from worker.wire import clear_errors
 
 log = structlog.get_logger()
 
@@ -45,7 +45,7 @@ _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 10.0
 # Kernels are compiled on the first start of a version: about a minute on a slow core.
 _READY_TIMEOUT_S = 300.0
-# A server of someone else's that starts beside us is up by then; nobody should wait longer for a mistyped address.
+# A server that starts beside us is up by then; nobody should wait longer for a mistyped address.
 _REDIS_TIMEOUT_S = 5.0
 _REDIS_PAUSE_S = 0.5
 
@@ -241,15 +241,14 @@ class Supervisor:
             self._spawn(child)
 
     def _await_server(self, to: Queue) -> None:
-        """Wait a moment for a server that is not ours; `QueueUnavailableError` names its address, without password."""
+        """Wait for a server that is not ours; the error names its address, without password. Check whose it is."""
         deadline = time.monotonic() + _REDIS_TIMEOUT_S
         while not self._stopping.is_set():
             try:
-                with clear_errors():
-                    to.redis.ping()
+                check_store(self.store, to)
             except QueueUnavailableError as error:
                 if isinstance(error.__cause__, redis.BusyLoadingError):
-                    return  # it is there, and reads its data
+                    return  # it is there, and reads its data: each child looks whose it is
                 if time.monotonic() > deadline:
                     parts = urlsplit(self.redis_url)
                     address = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-LIGHT = "contract states errors settings records store uploads queue wire jobs grid files leases supervisor embedded"
+LIGHT = "contract states errors settings records store products uploads identity queue wire jobs grid files leases supervisor embedded"
 HEAVY = "numpy numba trimesh OpenImageIO PIL tracer.types tracer.render"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from worker.errors import FarmError, QueueUnavailableError
+from worker.errors import FarmError, QueueUnavailableError, WrongStoreError
 from worker.settings import FarmSettings
 from worker.supervisor import Supervisor
 
@@ -85,6 +85,13 @@ def test_unreachable_redis_is_told_with_its_address_and_without_its_password(
     with pytest.raises(QueueUnavailableError, match=re.escape("redis://127.0.0.1:1/0")) as caught:
         Supervisor(settings.model_copy(update=changes)).start()
     assert "secret" not in str(caught.value)
+
+
+def test_redis_of_another_store_is_refused(settings: FarmSettings, tmp_path: Path):
+    with Supervisor(settings.model_copy(update={"workers": 0})) as farm:
+        changes = {"redis_url": farm.redis_url, "store": tmp_path / "wrong", "steward": False}
+        with pytest.raises(WrongStoreError, match="wrong: give the --store"):
+            Supervisor(settings.model_copy(update=changes)).start()
 
 
 def test_settings_reach_children_through_the_environment(settings: FarmSettings, monkeypatch: pytest.MonkeyPatch):
