@@ -24,7 +24,7 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     Raises
     ------
     UsageError
-        When a setting is out of range.
+        When a setting is out of range, or the store is not the one of the service at the given Redis.
     NotReachableError
         When the given Redis does not answer.
     SmaltiError
@@ -32,7 +32,7 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
     """
     from pydantic import ValidationError
 
-    from worker.errors import QueueUnavailableError
+    from worker.errors import FarmError, QueueUnavailableError, WrongStoreError
     from worker.logs import configure_logs
     from worker.settings import FarmSettings
     from worker.supervisor import Supervisor
@@ -49,7 +49,10 @@ def run_farm(ready: Callable[[Any], None] | None = None, **given: Any) -> None:
         if isinstance(farm.error, QueueUnavailableError):
             hint = "is Redis up, and is --redis-url (SMALTI_REDIS_URL) right?"
             raise NotReachableError(str(farm.error), hint=hint)
-        raise SmaltiError("the farm ended with an error", hint="its log tells why")
+        if isinstance(farm.error, WrongStoreError):
+            raise UsageError(str(farm.error))
+        reason = str(farm.error) if isinstance(farm.error, FarmError) else "the farm ended with an error"
+        raise SmaltiError(reason, hint="its log tells more")
 
 
 def default_store() -> Path:

@@ -13,7 +13,11 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 def default_cache_dir() -> Path:
-    """Return the folder of caches of this host: ``$XDG_CACHE_HOME/smalti`` or ``~/.cache/smalti``."""
+    """Return the folder of caches of this host: ``$XDG_CACHE_HOME/smalti`` or ``~/.cache/smalti``.
+
+    ``tracer.jit.cache_root`` without ``SMALTI_CACHE``, which pydantic reads; a test holds the two together, because the
+    API, which has these settings too, may not import numba.
+    """
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "smalti"
 

@@ -92,11 +92,3 @@ def test_redis_of_another_store_is_refused(settings: FarmSettings, tmp_path: Pat
         changes = {"redis_url": farm.redis_url, "store": tmp_path / "wrong", "steward": False}
         with pytest.raises(WrongStoreError, match="wrong: give the --store"):
             Supervisor(settings.model_copy(update=changes)).start()
-
-
-def test_settings_reach_children_through_the_environment(settings: FarmSettings, monkeypatch: pytest.MonkeyPatch):
-    environment = settings.child_environment(redis_url="unix:///a%20b", ready_file=None)
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.delenv("SMALTI_READY_FILE", raising=False)
-    assert FarmSettings() == settings.model_copy(update={"redis_url": "unix:///a%20b", "ready_file": None})
