@@ -1,8 +1,11 @@
-"""The assembler: one process that turns tiles into pictures while the rest is still being rendered.
+"""The assembler: one process that turns tiles into pictures.
 
-Job: for each active job, read tiles in order as they appear, stream their rows into EXR and PNG, and commit.
-Invariant: memory is one row of tiles a job; it may be killed at any moment and begins anew from the tiles on disk; the
-result is committed before the state says so, and tiles are deleted only after that.
+Job: for each active job, read tiles in order, stream their rows into EXR and PNG, and commit. A job that will soon be
+rendered is left alone until its last tile is there: encoding would take the cores from its kernels, and afterwards
+has all of them. A longer one is encoded while the rest of it is being rendered.
+Invariant: memory is one row of tiles and four bands of 64 rows a job, 12 bytes a pixel; it may be killed at any moment
+and begins anew from the tiles on disk; the result is committed before the state says so, and tiles are deleted only
+after that.
 See ARCHITECTURE.md, "One datum's way".
 """
 
@@ -29,8 +32,9 @@ from worker.errors import FarmError, IllegalTransitionError, JobNotFoundError, Q
 from worker.grid import grid_of
 from worker.leases import count_fault
 from worker.queue import Queue
-from worker.records import problem
+from worker.records import JobEvent, now, problem, seconds_between
 from worker.report import TileTotals, build_report, summarize
+from worker.settings import count_cores
 from worker.states import JobState
 from worker.store import Store
 from worker.wire import connect
@@ -42,6 +46,10 @@ _POLL_S = 1.0
 # How long a claim lasts. It is renewed at each look and with each row of tiles, so a row must fit, and the commit (two
 # files brought to a slow disk). Not longer: the jobs of a killed assembler wait this long for another.
 _CLAIM_MS = 10_000
+# A job with less than this left to render waits for its last tile: that costs its end 0.1 s a megapixel on two cores.
+_STREAM_FROM_S = 10.0
+# Jobs take turns, so that a small one is not kept waiting by a large one.
+_TURN_S = 0.2
 # A preview of 512 px costs about 10 ms: 0.5 % of a core.
 _PREVIEW_EVERY_S = 2.0
 
@@ -78,14 +86,20 @@ class Assembly:
         self._previewed_at = time.monotonic()
         self._row: NDArray[np.float32] | None = None
         self._spent_s = 0.0
+        self._is_assembling = False
 
     @property
     def is_complete(self) -> bool:
         """Whether all tiles have been read."""
         return self._next == self._grid.n_tiles
 
-    def advance(self) -> bool:
+    def advance(self, turn_s: float = float("inf")) -> bool:
         """Take in the tiles that follow, as far as they are there; whether any was.
+
+        Parameters
+        ----------
+        turn_s
+            After the first row of tiles, none is begun after this time.
 
         Raises
         ------
@@ -95,11 +109,14 @@ class Assembly:
         began = self._next
         started = time.perf_counter()
         while not self.is_complete:
+            is_row = self._next % self._grid.columns == 0
+            if is_row and self._next > began and time.perf_counter() - started > turn_s:
+                break
             try:
                 data = self._store.read_tile(self.job_id, self._next)
             except FileNotFoundError:
                 break
-            if self._next % self._grid.columns == 0 and not self.renew():
+            if is_row and not self.renew():
                 break  # another assembler has the job; the next look tells
             self._take(data)
             self._next += 1
@@ -107,6 +124,17 @@ class Assembly:
             self._show()
         self._spent_s += time.perf_counter() - started
         return self._next > began
+
+    def begin(self) -> None:
+        """Record, once, that all tiles are there and the picture is being put together."""
+        if self._is_assembling:
+            return
+        try:
+            jobs.transition(self._store, self._queue, self.job_id, JobState.ASSEMBLING, by=self._owner)
+        except IllegalTransitionError as error:
+            if error.current is not JobState.ASSEMBLING:  # canceled, failed: nothing of it is published
+                raise
+        self._is_assembling = True
 
     def renew(self) -> bool:
         """Renew the claim on the job; False if it is lost."""
@@ -119,21 +147,20 @@ class Assembly:
 
     def _take(self, data: bytes) -> None:
         rect = Rect(*self._grid.tile_rect(self._next))
-        header, sums = decode_tile(data)
+        header, values = decode_tile(data)
         if header.rect != rect or header.sample_range != (0, self._samples):
             raise TileError(f"film tile is of {header.rect} {header.sample_range}, not {rect} (0, {self._samples})")
-        pixels = develop(sums, self._samples)
-        if self._row is None:
-            self._row = np.empty((rect.height, self._grid.width, 3), np.float32)
+        if self._row is None:  # the first row may be lower than the others
+            self._row = np.empty((min(self._grid.tile_size, self._grid.height), self._grid.width, 3), np.float32)
+        row = self._row[: rect.height]
         left = rect.x - self._grid.x
-        self._row[:, left : left + rect.width] = pixels
-        self._preview.add(rect, pixels)
+        row[:, left : left + rect.width] = values if header.payload == "pixels" else develop(values, self._samples)
         self._totals.add(header)
         if (self._next + 1) % self._grid.columns == 0:
             if self._writer is None:  # not before there is something to write: a job may end without any
                 self._writer = self._open()
-            self._writer.write_rows(self._row)
-            self._row = None
+            self._writer.write_rows(row)
+            self._preview.add(Rect(self._grid.x, rect.y, self._grid.width, rect.height), row)
 
     def _open(self) -> FilmWriter:
         return FilmWriter(
@@ -144,6 +171,7 @@ class Assembly:
             crop_origin=(self._grid.x, self._grid.y),
             display_size=(self.record.width, self.record.height),
             png_color_space=self._color_space,
+            threads=count_cores(),
         )
 
     def _show(self) -> None:
@@ -157,11 +185,8 @@ class Assembly:
         """Write the rest, move the results into place, and end the job; safe to do again after a crash anywhere."""
         store, job_id = self._store, self.job_id
         started = time.perf_counter()
-        try:
-            jobs.transition(store, self._queue, job_id, JobState.ASSEMBLING, by=self._owner)
-        except IllegalTransitionError as error:
-            if error.current is not JobState.ASSEMBLING:  # canceled, failed: nothing of it is published
-                raise
+        self._is_assembling = False  # look again: it may have been canceled meanwhile
+        self.begin()
         assert self._writer is not None  # every tile was taken in, so the last row was written
         film_sha256 = self._writer.close()
         (self._folder / PREVIEW_PNG).write_bytes(self._preview.encode_png(self._color_space))
@@ -227,16 +252,16 @@ class Assembler:
         """Assemble until stopped."""
         threading.Thread(target=self._listen, name="wake-ups", daemon=True).start()
         next_poll = 0.0
+        unfinished: set[str] = set()
         while not self._stopped.is_set():
-            self._awake.wait(max(0.0, next_poll - time.monotonic()))
+            self._awake.wait(0.0 if unfinished else max(0.0, next_poll - time.monotonic()))
             self._awake.clear()
             with self._lock:
                 news, self._news = self._news, set()
             if time.monotonic() >= next_poll:
                 next_poll = time.monotonic() + _POLL_S
                 news |= self._poll()
-            for job_id in sorted(news):
-                self.advance(job_id)
+            unfinished = {job_id for job_id in sorted(news | unfinished) if self.advance(job_id)}
         for job_id in list(self._assemblies):
             self._drop(job_id)
 
@@ -250,10 +275,10 @@ class Assembler:
             active |= self._queue.active_jobs()
         return active
 
-    def advance(self, job_id: str) -> None:
-        """Bring one job forward; whatever goes wrong with it stays with it."""
+    def advance(self, job_id: str) -> bool:
+        """Bring one job forward, for a turn; whether there is more to do now. What goes wrong with it stays with it."""
         try:
-            self._advance(job_id)
+            return self._advance(job_id)
         except (JobNotFoundError, IllegalTransitionError):
             self._drop(job_id)  # deleted, canceled or failed meanwhile
         except QueueError as error:
@@ -267,28 +292,47 @@ class Assembler:
                 job_id,
                 problem("assembly-failed", "The picture could not be put together", f"{type(error).__name__}: {error}"),
             )
+        return False
 
-    def _advance(self, job_id: str) -> None:
-        state = self._store.last_event(job_id).state
-        if state not in {JobState.RENDERING, JobState.ASSEMBLING}:
+    def _advance(self, job_id: str) -> bool:
+        event = self._store.last_event(job_id)
+        if event.state not in {JobState.RENDERING, JobState.ASSEMBLING}:
             if job_id in self._assemblies:
                 self._drop(job_id)
-            return
+            return False
+        is_rendered, left_s = self._outlook(job_id, event)
+        if job_id not in self._assemblies and not is_rendered and left_s < _STREAM_FROM_S:
+            return False
         if not self._queue.claim(job_id, self._owner, _CLAIM_MS):
             self._drop(job_id)  # another host's assembler has it
-            return
+            return False
         if job_id not in self._assemblies:
             self._assemblies[job_id] = Assembly(self._store, self._queue, job_id, self._owner)
         assembly = self._assemblies[job_id]
+        if is_rendered:
+            assembly.begin()
         try:
-            assembly.advance()
+            has_news = assembly.advance(_TURN_S)
         except TileError as error:
             self._repair(assembly, error)
-            return
-        if assembly.is_complete and assembly.renew():
+            return False
+        if not assembly.is_complete:
+            return has_news
+        if assembly.renew():
             assembly.commit()
             log.info("job assembled", job=job_id)
             self._drop(job_id)
+        return False
+
+    def _outlook(self, job_id: str, event: JobEvent) -> tuple[bool, float]:
+        """Return whether all tiles are there as far as the index knows, and how many seconds they take at this pace."""
+        progress = self._queue.progress(job_id)
+        if progress is None:  # the index is being rebuilt: the tiles on disk decide
+            return False, float("inf")
+        if progress.done >= progress.n_tiles:
+            return True, 0.0
+        elapsed_s = seconds_between(event.at, now())
+        return False, elapsed_s * (progress.n_tiles - progress.done) / max(1, progress.done)
 
     def _repair(self, assembly: Assembly, error: TileError) -> None:
         """Have a damaged tile rendered again."""

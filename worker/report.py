@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import metadata
 from typing import Any
@@ -22,6 +23,7 @@ class TileTotals:
 
     n_tiles: int = 0
     kernel_s: float = 0.0
+    kernel_cpu_s: float = 0.0
     first_lease: float = float("inf")
     last_finish: float = 0.0
     counters: Counter[str] = field(default_factory=Counter)
@@ -31,6 +33,7 @@ class TileTotals:
         """Take in one tile's header."""
         self.n_tiles += 1
         self.kernel_s += header.kernel_s
+        self.kernel_cpu_s += header.kernel_cpu_s
         self.first_lease = min(self.first_lease, header.leased_at)
         self.last_finish = max(self.last_finish, header.finished_at)
         self.counters.update(header.counters)
@@ -127,7 +130,10 @@ def build_report(
             "after_last_tile": round(seconds_between(assembling, now()), 6),
             "total": round(seconds_between(record.created_at, now()), 6),
         },
+        "first_lease_at": _time_of(totals.first_lease),
+        "last_tile_at": _time_of(totals.last_finish),
         "kernel_s": round(totals.kernel_s, 6),
+        "kernel_cpu_s": round(totals.kernel_cpu_s, 6),
         "rays": {
             **rays,
             "total": totals.rays,
@@ -143,3 +149,8 @@ def build_report(
         "faults": dict(faults),
     }
     return json.dumps(report, indent=1).encode()
+
+
+def _time_of(seconds: float) -> str:
+    """Return a time in seconds since the epoch as `records.now` writes it."""
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")

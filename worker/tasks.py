@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import structlog
 
-from tracer.film.tile import Rect, TileHeader, blocks_of_rect, encode_tile, join_blocks
+from tracer.film.develop import develop_blocks
+from tracer.film.tile import Rect, TileHeader, blocks_of_rect, encode_tile
 from tracer.scene import AssetRef, AssetResolver, SceneError, parse_scene
 from tracer.types import COUNTERS
 from worker import contract, jobs
@@ -237,20 +238,22 @@ def _render_tile(context: WorkerContext, job_id: str, prepared: Prepared, tile: 
     """Render one tile into the store; return its rays and the seconds in the kernel."""
     rect = Rect(*prepared.grid.tile_rect(tile))
     leased_at = time.time()
-    started = time.perf_counter()
+    started, cpu_started = time.perf_counter(), time.thread_time()
     film = context.backend.render(prepared.compiled, blocks_of_rect(rect), (0, prepared.samples), context.cancel)
-    kernel_s = time.perf_counter() - started
+    kernel_s, kernel_cpu_s = time.perf_counter() - started, time.thread_time() - cpu_started
     counters = {name: int(value) for name, value in zip(COUNTERS, film.counters, strict=True)}
     header = TileHeader(
         rect=rect,
         sample_range=(0, prepared.samples),
         counters=counters,
         kernel_s=kernel_s,
+        kernel_cpu_s=kernel_cpu_s,
         leased_at=leased_at,
         finished_at=time.time(),
         worker=context.name,
     )
-    context.store.write_tile(job_id, tile, encode_tile(header, join_blocks(rect, film.sums)))
+    pixels = develop_blocks(rect, film.sums, prepared.samples)
+    context.store.write_tile(job_id, tile, encode_tile(header, pixels))
     return int(np.sum(film.counters[list(_RAYS)])), kernel_s
 
 
@@ -266,12 +269,12 @@ def render_alone(context: WorkerContext, job_id: str, tile: int | None) -> Mappi
     started = time.perf_counter()
     film = context.backend.render(compiled, blocks_of_rect(rect), (0, record.samples), context.cancel)
     seconds = time.perf_counter() - started
-    sums = join_blocks(rect, film.sums)
+    pixels = develop_blocks(rect, film.sums, record.samples)
     return {
         "tile": tile,
         "rect": list(rect),
         "kernel_s": seconds,
-        "mean": (sums.sum(axis=(0, 1, 2)) / sums[0, :, :, 0].size).tolist(),
+        "mean": pixels.mean(axis=(0, 1), dtype=np.float64).tolist(),
     }
 
 

@@ -17,8 +17,16 @@ from worker.audit import audit
 from worker.states import JobState
 
 
+@pytest.fixture(autouse=True)
+def streams(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """These jobs are assembled while they are rendered, however soon they will be done."""
+    if "waits" not in request.keywords:
+        monkeypatch.setattr("worker.assembler._STREAM_FROM_S", 0.0)
+
+
 def render(farm: SmallFarm, title: str = "fake", **options: object) -> str:
     job_id = farm.submit(title, **options)
+    farm.drop_hints()  # on a busy machine a run of over a second would make way for them
     tasks.prepare(farm.worker(), job_id)
     return job_id
 
@@ -69,7 +77,7 @@ def test_bytes_do_not_depend_on_tile_size_or_order(farm: SmallFarm, crop: dict[s
         order = sorted(tiles)
         random.Random(tile_size).shuffle(order)
         for tile in order:
-            assert farm.state(job_id) == "rendering"
+            assert farm.state(job_id) in {"rendering", "assembling"}
             farm.store.write_tile(job_id, tile, tiles[tile])
             farm.assembler.advance(job_id)
         assert farm.state(job_id) == "succeeded"
@@ -87,7 +95,7 @@ def test_assembler_begins_anew_after_a_crash(farm: SmallFarm):
     farm.store.write_tile(job_id, 15, last)
     successor = Assembler(farm.store, farm.queue, "successor")
     successor.advance(job_id)
-    assert farm.state(job_id) == "rendering"  # the dead one's claim has not run out yet
+    assert farm.state(job_id) == "assembling"  # the dead one's claim has not run out yet
     farm.queue.redis.delete(contract.KEY_CLAIM + job_id)
     successor.advance(job_id)
     assert farm.state(job_id) == "succeeded"
@@ -135,7 +143,7 @@ def test_damaged_tile_is_rendered_again(farm: SmallFarm):
     data = path.read_bytes()
     path.write_bytes(data[:-9] + b"\0" + data[-8:])
     farm.assembler.advance(job_id)
-    assert farm.state(job_id) == "rendering"
+    assert farm.state(job_id) == "assembling"
     assert not path.exists()
     assert farm.queue.progress(job_id).done == 7
     tasks.render_run(farm.worker("w1"), job_id)
@@ -151,23 +159,26 @@ def test_tile_of_another_place_is_damage(farm: SmallFarm):
     job_id = render(farm, width=64, height=32)
     farm.store.tile_path(job_id, 5).write_bytes(farm.store.read_tile(job_id, 4))
     farm.assembler.advance(job_id)
-    assert farm.state(job_id) == "rendering"
+    assert farm.state(job_id) == "assembling"
     assert 5 not in farm.store.done_tiles(job_id)
 
 
 def test_memory_is_one_row_of_tiles(farm: SmallFarm):
     job_id = render(farm, width=32, height=320)
     assembly = Assembly(farm.store, farm.queue, job_id, "a")
-    rows = set()
+    rows = []
     real = assembly._take
 
     def watch(data: bytes) -> None:
         real(data)
-        rows.add(None if assembly._row is None else assembly._row.shape)
+        rows.append(assembly._row)
 
     assembly._take = watch  # type: ignore[method-assign]
     assert assembly.advance()
-    assert rows == {None, (16, 32, 3)}
+    assert len(rows) == 40
+    assert {id(row) for row in rows} == {id(assembly._row)}
+    assert assembly._row is not None
+    assert assembly._row.shape == (16, 32, 3)
     assembly.close()
 
 
@@ -214,7 +225,7 @@ def test_two_assemblers_of_a_host_leave_each_other_alone(farm: SmallFarm, monkey
     assert len(list(farm.store.temporary.glob("assembly-*"))) == 1
     farm.store.write_tile(mine, 7, last)
     Assembler(farm.store, farm.queue, owners[0]).advance(mine)
-    assert farm.state(mine) == "rendering"
+    assert farm.state(mine) == "assembling"
     farm.assembler.advance(mine)
     assert farm.state(mine) == "succeeded"
 
@@ -274,7 +285,8 @@ def test_claim_is_kept_through_a_catch_up(farm: SmallFarm, monkeypatch: pytest.M
         thefts.append(farm.queue.claim(job_id, "another"))
 
     monkeypatch.setattr(Assembly, "_take", take_slowly)
-    farm.assembler.advance(job_id)
+    while farm.assembler.advance(job_id):
+        assert farm.state(job_id) == "assembling"
     assert thefts == [False] * 20
     assert farm.state(job_id) == "succeeded"
 
@@ -292,7 +304,7 @@ def test_assembly_stops_where_the_claim_is_lost(farm: SmallFarm, monkeypatch: py
     monkeypatch.setattr(Assembly, "_take", lose)
     farm.assembler.advance(job_id)
     assert taken == [0, 1]  # the row that was begun
-    assert farm.state(job_id) == "rendering"
+    assert farm.state(job_id) == "assembling"
     farm.assembler.advance(job_id)
     assert not list(farm.store.temporary.iterdir())
 
@@ -313,3 +325,51 @@ def test_job_that_is_canceled_as_it_is_completed_is_not_published(
     assert farm.state(job_id) == state
     assert not farm.store.has_result(job_id, "result.png")
     assert not list(farm.store.temporary.iterdir())
+
+
+@pytest.mark.waits
+def test_job_that_is_soon_rendered_is_left_alone_until_its_last_tile(farm: SmallFarm):
+    job_id = farm.submit(width=64, height=64)
+    worker = farm.worker()
+    worker.lease_preparation(job_id)
+    tasks._compile(worker, farm.store.read_job(job_id))
+    farm.queue.init_job(job_id, 16, 4)
+    for state in (JobState.PREPARING, JobState.RENDERING):
+        farm.store.transition(job_id, state, by="test")
+    finished = None
+    for _ in range(16):
+        tile = worker.lease_next(job_id, finished=finished, rays=0, kernel_s=0.0, commit_only=False).tile
+        tasks._render_tile(worker, job_id, worker.prepared[job_id], tile)
+        assert not farm.assembler.advance(job_id)
+        assert farm.state(job_id) == "rendering"
+        assert not list(farm.store.temporary.glob("assembly-*"))
+        finished = tile
+    worker.lease_next(job_id, finished=finished, rays=0, kernel_s=0.0, commit_only=True)
+    farm.assembler.advance(job_id)
+    assert farm.state(job_id) == "succeeded"
+
+
+@pytest.mark.waits
+@pytest.mark.parametrize(("done", "elapsed_s", "streams"), [(4, 1.0, False), (4, 100.0, True), (0, 100.0, True)])
+def test_long_job_is_assembled_meanwhile(
+    farm: SmallFarm, monkeypatch: pytest.MonkeyPatch, done: int, elapsed_s: float, streams: bool
+):
+    job_id = render(farm, width=64, height=64)
+    for tile in range(done, 16):
+        farm.store.tile_path(job_id, tile).unlink()
+        farm.queue.redo_tile(job_id, tile)
+    monkeypatch.setattr("worker.assembler.seconds_between", lambda *_: elapsed_s)
+    farm.assembler.advance(job_id)
+    assert bool(farm.assembler._assemblies) == streams
+    assert farm.state(job_id) == "rendering"
+
+
+def test_large_job_does_not_keep_a_small_one_waiting(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("worker.assembler._TURN_S", 0.0)
+    large, small = render(farm, width=32, height=160), render(farm, width=32, height=16)
+    turns = 0
+    while farm.assembler.advance(large):
+        turns += 1
+        farm.assembler.advance(small)
+    assert farm.state(small) == farm.state(large) == "succeeded"
+    assert turns >= 9

@@ -27,9 +27,10 @@ def test_prepare_goes_on_to_render_all(farm: SmallFarm):
     tasks.prepare(farm.worker(), job_id)
     assert events_of(farm, job_id) == ["created", "preparing", "rendering"]
     assert farm.store.done_tiles(job_id) == list(range(6))
-    header, sums = decode_tile(farm.store.read_tile(job_id, 5))
+    header, pixels = decode_tile(farm.store.read_tile(job_id, 5))
     assert (header.rect, header.sample_range, header.worker) == ((32, 16, 8, 4), (0, 3), "w0")
-    assert sums.shape == (2, 4, 8, 3)
+    assert (header.payload, pixels.shape) == ("pixels", (4, 8, 3))
+    assert 0.0 < header.kernel_cpu_s < header.kernel_s + 0.1
     progress = farm.queue.progress(job_id)
     assert (progress.done, progress.n_tiles, progress.rays) == (6, 6, 3 * 3 * 256 * 6)
     assert farm.queue.leases() == {}

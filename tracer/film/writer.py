@@ -1,8 +1,11 @@
 r"""Stream a film, row by row, into an EXR, a PNG and a hash.
 
-Invariants: memory is one band of 64 rows, whatever the picture's height; the bytes of both files and the hash
-depend on the pixels and the metadata alone, never on how the rows were cut; a file under its final name is
-whole and on disk (temporary name, fsync, rename).
+Invariants: memory is four bands of 64 rows, whatever the picture's height; the bytes of both files and the hash
+depend on the pixels and the metadata alone, never on how the rows were cut or on the number of threads; a file under
+its final name is whole and on disk (temporary name, fsync, rename).
+
+The EXR is written by one thread (which has OpenEXR compress with as many as it is given) and hash and PNG by another,
+while the caller gathers the next rows.
 
 The EXR is float32, linear, in 64 x 64 tiles, with the crop as data window inside the full picture as display window;
 the PNG has the crop's size, 8 bits, clamped. `film_sha256` is SHA-256 over `smalti-film-1\n`,
@@ -13,6 +16,7 @@ import contextlib
 import hashlib
 import os
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -26,6 +30,9 @@ from tracer.film.tile import Rect
 
 BAND_ROWS: Final = 64
 """Rows handed to the encoders at once: the height of an EXR tile."""
+
+N_BANDS: Final = 4
+"""Bands on their way: enough that neither thread waits for the other at each band. At 3840 px 3 MB each."""
 
 EXR_COMPRESSION: Final = "zip:1"
 """Every reader knows zip. The MINI at 3840 x 2160 (`python -m benchmarks.film`): level 1 takes 0.83 s of CPU for
@@ -83,6 +90,8 @@ class FilmWriter:
         Transfer curve of the PNG; the EXR is always linear.
     metadata : mapping of str to str
         Put into both files; the same metadata give the same bytes.
+    threads : int
+        Threads that compress the EXR.
 
     Raises
     ------
@@ -101,22 +110,27 @@ class FilmWriter:
         display_size: tuple[int, int] | None = None,
         png_color_space: ColorSpace = "srgb",
         metadata: Mapping[str, str] | None = None,
+        threads: int = 1,
     ) -> None:
         window = Rect(*crop_origin, width, height)
         display = display_size or (crop_origin[0] + width, crop_origin[1] + height)
         self._width, self._height = width, height
         self._color_space = png_color_space
         self._hash = FilmHash(width, height)
-        self._band = np.empty((min(BAND_ROWS, height), width, 3), np.float32)
+        n_bands = min(N_BANDS, -(-height // BAND_ROWS))
+        self._bands = np.empty((n_bands, min(BAND_ROWS, height), width, 3), np.float32)
+        self._pending: list[list[Future[None]]] = [[] for _ in range(n_bands)]
+        self._band = 0
         self._n_buffered = 0
         self._n_written = 0
         self._exr: _ImageFile | None = None
         self._png: _ImageFile | None = None
+        self._exr_lane, self._png_lane = ThreadPoolExecutor(1, "exr"), ThreadPoolExecutor(1, "png")
         try:
             if exr_path is not None:
-                self._exr = _ImageFile(exr_path, _exr_spec(window, display, metadata or {}), "exr")
+                self._exr = _ImageFile(exr_path, _exr_spec(window, display, metadata or {}), "exr", threads)
             if png_path is not None:
-                self._png = _ImageFile(png_path, _png_spec(window, png_color_space, metadata or {}), "png")
+                self._png = _ImageFile(png_path, _png_spec(window, png_color_space, metadata or {}), "png", threads)
         except BaseException:
             self.abandon()
             raise
@@ -143,24 +157,41 @@ class FilmWriter:
             raise ValueError(f"more rows than the picture's {self._height}")
         taken = 0
         while taken < rows.shape[0]:
-            room = self._band.shape[0] - self._n_buffered
-            n = min(room, rows.shape[0] - taken)
-            self._band[self._n_buffered : self._n_buffered + n] = rows[taken : taken + n]
+            band = self._bands[self._band]
+            n = min(band.shape[0] - self._n_buffered, rows.shape[0] - taken)
+            if self._n_buffered == 0:
+                self._await_band()
+            band[self._n_buffered : self._n_buffered + n] = rows[taken : taken + n]
             self._n_buffered += n
             taken += n
-            if self._n_buffered == self._band.shape[0] or self._n_written + self._n_buffered == self._height:
+            if self._n_buffered == band.shape[0] or self._n_written + self._n_buffered == self._height:
                 self._flush()
+
+    def _await_band(self) -> None:
+        """Wait until the encoders have done with what was in the current band before."""
+        pending, self._pending[self._band] = self._pending[self._band], []
+        try:
+            for future in pending:
+                future.result()
+        except BaseException:
+            self.abandon()
+            raise
 
     def _flush(self) -> None:
         """Hand one band to the encoders."""
-        band = self._band[: self._n_buffered]
+        band = self._bands[self._band][: self._n_buffered]
         y0, y1 = self._n_written, self._n_written + self._n_buffered
-        self._hash.update(band)
+        pending = self._pending[self._band]
         if self._exr is not None:
-            self._exr.write_tiles(y0, y1, band)
+            pending.append(self._exr_lane.submit(self._exr.write_tiles, y0, y1, band))
+        pending.append(self._png_lane.submit(self._write_png, y0, y1, band))
+        self._n_written, self._n_buffered = y1, 0
+        self._band = (self._band + 1) % len(self._bands)
+
+    def _write_png(self, y0: int, y1: int, band: NDArray[np.float32]) -> None:
+        self._hash.update(band)
         if self._png is not None:
             self._png.write_scanlines(y0, y1, encode_8bit(band, self._color_space))
-        self._n_written, self._n_buffered = y1, 0
 
     def close(self) -> str:
         """Finish both files and give them their names.
@@ -173,9 +204,13 @@ class FilmWriter:
         if self._n_written != self._height:
             raise ValueError(f"only {self._n_written + self._n_buffered} of {self._height} rows were written")
         try:
-            for image in (self._exr, self._png):
-                if image is not None:
-                    image.finish()
+            last = [future for pending in self._pending for future in pending]
+            if self._exr is not None:
+                last.append(self._exr_lane.submit(self._exr.finish))
+            if self._png is not None:
+                last.append(self._png_lane.submit(self._png.finish))
+            for future in last:
+                future.result()
             for image in (self._exr, self._png):
                 if image is not None:
                     image.publish()
@@ -183,10 +218,13 @@ class FilmWriter:
             self.abandon()
             raise
         self._exr = self._png = None
+        self.abandon()
         return self._hash.hexdigest()
 
     def abandon(self) -> None:
         """Drop what was written; nothing appears under the final names."""
+        for lane in (self._exr_lane, self._png_lane):
+            lane.shutdown(wait=True, cancel_futures=True)  # an output must not be closed under a thread that writes
         for image in (self._exr, self._png):
             if image is not None:
                 image.discard()
@@ -196,12 +234,12 @@ class FilmWriter:
 class _ImageFile:
     """One OpenImageIO output under a temporary name."""
 
-    def __init__(self, path: Path, spec: Any, file_format: str) -> None:
+    def __init__(self, path: Path, spec: Any, file_format: str, threads: int) -> None:
         import OpenImageIO
 
-        # One core a process: encoder threads would take the cores from the kernels (both settings are global).
+        # Both settings are of the process; -1 is no thread beside the caller's.
         OpenImageIO.attribute("threads", 1)
-        OpenImageIO.attribute("exr_threads", -1)
+        OpenImageIO.attribute("exr_threads", threads if threads > 1 else -1)
         self._path = path
         self._temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._spec = spec
@@ -209,6 +247,7 @@ class _ImageFile:
         if output is None:
             raise ImageWriteError(f"cannot write {path.name}: no {file_format} writer ({OpenImageIO.geterror()})")
         self._output = output
+        self._is_discarded = False
         self._check(self._output.open(str(self._temporary), spec))
 
     def _check(self, succeeded: bool) -> None:
@@ -222,11 +261,13 @@ class _ImageFile:
     def write_tiles(self, y0: int, y1: int, rows: NDArray[np.float32]) -> None:
         """Write rows y0..y1 of the data window as one row of tiles."""
         x, y = self._spec.x, self._spec.y
-        self._check(self._output.write_tiles(x, x + rows.shape[1], y + y0, y + y1, 0, 1, rows))
+        if not self._is_discarded:  # a band that was on its way when an earlier one failed
+            self._check(self._output.write_tiles(x, x + rows.shape[1], y + y0, y + y1, 0, 1, rows))
 
     def write_scanlines(self, y0: int, y1: int, rows: NDArray[np.uint8]) -> None:
         """Write rows y0..y1."""
-        self._check(self._output.write_scanlines(y0, y1, 0, rows))
+        if not self._is_discarded:
+            self._check(self._output.write_scanlines(y0, y1, 0, rows))
 
     def finish(self) -> None:
         """Close the file and bring it to the disk."""
@@ -252,6 +293,7 @@ class _ImageFile:
 
     def discard(self) -> None:
         """Close and remove the temporary file."""
+        self._is_discarded = True
         self._output.close()
         with contextlib.suppress(OSError):
             self._temporary.unlink()

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tracer.film.develop import develop, encode_8bit, linear_from_srgb, srgb_from_linear
+from tracer.film.develop import develop, develop_blocks, encode_8bit, linear_from_srgb, srgb_from_linear
+from tracer.film.tile import Rect, blocks_of_rect, join_blocks
 
 
 def _definition(x: np.ndarray, color_space: str) -> np.ndarray:
@@ -63,6 +66,20 @@ def test_develop_rounds_once():
     assert pixels[0, 0, 2] == np.float32((0.1 + 0.2) / 3)
 
 
+@given(st.integers(0, 70), st.integers(0, 70), st.integers(1, 70), st.integers(1, 70), st.integers(1, 65536))
+@settings(max_examples=60, deadline=None)
+def test_blocks_develop_to_the_bits_of_the_joined_sums(x, y, width, height, n_samples):
+    rect = Rect(x, y, width, height)
+    sums = 10.0 ** np.random.default_rng(x).uniform(-60, 60, (len(blocks_of_rect(rect)), 2, 16, 16, 3))
+    pixels = develop_blocks(rect, sums, n_samples)
+    assert pixels.flags.c_contiguous
+    assert np.array_equal(pixels, develop(join_blocks(rect, sums), n_samples))
+
+
 def test_no_samples_have_no_average():
+    with pytest.raises(ValueError, match="no average"):
+        develop_blocks(Rect(0, 0, 16, 16), np.zeros((1, 2, 16, 16, 3)), 0)
+    with pytest.raises(ValueError, match="blocks"):
+        develop_blocks(Rect(0, 0, 32, 16), np.zeros((1, 2, 16, 16, 3)), 1)
     with pytest.raises(ValueError, match="no average"):
         develop(np.zeros((2, 1, 1, 3)), 0)

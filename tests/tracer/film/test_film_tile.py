@@ -1,4 +1,4 @@
-"""Film tile v1: what is written comes back bit for bit; whatever is damaged is refused by name."""
+"""Film tile v2: what is written comes back bit for bit; whatever is damaged is refused by name."""
 
 import json
 import struct
@@ -18,7 +18,9 @@ def _header(width: int = 5, height: int = 3) -> TileHeader:
         rect=Rect(32, 48, width, height),
         sample_range=(0, 16),
         counters={"samples": 240, "primary_rays": 7},
+        payload="sums",
         kernel_s=0.25,
+        kernel_cpu_s=0.125,
         leased_at=1_700_000_000.5,
         finished_at=1_700_000_001.0,
         worker="host-1",
@@ -41,10 +43,23 @@ def test_round_trip_is_exact(width, height, seed):
     assert decoded.flags.aligned
 
 
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_pixels_come_back_bit_for_bit(width, height, seed):
+    bits = np.random.default_rng(seed).integers(0, 2**32, (height, width, 3), dtype=np.uint32)
+    expected = _header(width, height)._replace(payload="pixels")
+    data = encode_tile(expected, bits.view(np.float32))
+    header, decoded = decode_tile(data)
+    assert header == expected
+    assert np.array_equal(decoded.view(np.uint32), bits)
+    assert decoded.flags.aligned
+    assert struct.unpack("<I", data[-4:]) == (zlib.crc32(data[:-4]),)
+
+
 def test_layout_is_fixed():
     data = _tile(1, 1)
     magic, version, header_bytes, payload_bytes = struct.unpack_from("<8sIIQ", data)
-    assert (magic, version, payload_bytes) == (MAGIC, 1, 48)
+    assert (magic, version, payload_bytes) == (MAGIC, 2, 48)
     assert (24 + header_bytes) % 64 == 0
     assert json.loads(data[24 : 24 + header_bytes])["rect"] == [32, 48, 1, 1]
     assert struct.unpack_from("<d", data, 24 + header_bytes + 8) == (1.0,)
@@ -96,6 +111,7 @@ def test_a_header_with_a_right_checksum_and_wrong_fields_is_refused_or_sane(name
         header, sums = decode_tile(data)
     except TileError:
         return
+    assert header.payload == "sums"  # pixels would have half the bytes at most
     assert sums.shape == (2, header.rect.height, header.rect.width, len(header.channels))
     assert sums.nbytes == 2 * 3 * 5 * 3 * 8
 
@@ -125,6 +141,10 @@ def test_what_does_not_fit_is_not_written():
         encode_tile(_header(), np.zeros((2, 3, 4, 3)))
     with pytest.raises(TileError, match="sums are"):
         encode_tile(_header(), np.zeros((2, 3, 5, 3), np.float32))
+    with pytest.raises(TileError, match="pixels are"):
+        encode_tile(_header()._replace(payload="pixels"), np.zeros((2, 3, 5, 3)))
+    with pytest.raises(TileError, match="payload"):
+        encode_tile(_header()._replace(payload="halves"), np.zeros((2, 3, 5, 3)))
     with pytest.raises(TileError, match="sample range"):
         encode_tile(_header()._replace(sample_range=(4, 4)), np.zeros((2, 3, 5, 3)))
 
@@ -136,7 +156,7 @@ def _fields_of(data: bytes) -> dict:
 
 def _forge(fields: dict, payload: bytes) -> bytes:
     text = json.dumps(fields).encode()
-    body = struct.pack("<8sIIQ", MAGIC, 1, len(text), len(payload)) + text + payload
+    body = struct.pack("<8sIIQ", MAGIC, 2, len(text), len(payload)) + text + payload
     return body + struct.pack("<I", zlib.crc32(body))
 
 

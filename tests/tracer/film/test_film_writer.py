@@ -66,6 +66,15 @@ def test_bytes_do_not_depend_on_how_rows_are_cut(tmp_path, step):
         assert one.read_bytes() == other.read_bytes()
 
 
+def test_bytes_do_not_depend_on_the_number_of_threads(tmp_path):
+    pixels = _pixels(600, 400)  # more bands than are on their way at once
+    one = _write(tmp_path / "one", pixels, [100])
+    many = _write(tmp_path / "many", pixels, [], threads=3)
+    assert many[2] == one[2] == film_sha256(pixels)
+    for a, b in zip(one[:2], many[:2], strict=True):
+        assert a.read_bytes() == b.read_bytes()
+
+
 def test_crop_is_a_data_window_inside_the_display_window(tmp_path):
     pixels = _pixels(70, 90)
     exr, png, _ = _write(tmp_path / "a", pixels, [], crop_origin=(37, 21), display_size=(640, 360))
