@@ -8,14 +8,15 @@ import hashlib
 
 from service.schemas import Estimate, ImageView
 from tracer.scene import AmbientLight, Mesh, MeshAsset, SceneDoc
-from worker.grid import TileGrid
+from worker.grid import TileGrid, choose_tile_size
 
 # Of a compiled scene, per inline triangle: 72 bytes of vertices and indices, about 2 BVH nodes of 64 bytes to three
 # triangles, and 100 bytes of normals, UVs and colours where given; rounded up.
 _TRIANGLE_BYTES = 320
 _VERTEX_BYTES = 24 + 24 + 16 + 24
-# Film of a tile: two halves of three float64 sums a pixel.
+# Film of a tile in a worker: two halves of three float64 sums a pixel; in the store: three float32.
 _FILM_BYTES_PER_PIXEL = 2 * 3 * 8
+_TILE_BYTES_PER_PIXEL = 3 * 4
 # Three float32 of the EXR, three bytes of the PNG; compression only makes it less.
 _RESULT_BYTES_PER_PIXEL = 12 + 3
 # Python, numpy, numba and its kernels in one worker, measured in the trial of the farm.
@@ -42,10 +43,11 @@ def _used_names(scene: SceneDoc) -> set[str]:
     return used | {texture.asset for texture in textures if texture is not None}
 
 
-def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int) -> Estimate:
+def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estimate:
     """Return what a scene would take; ``assets_missing`` is left empty, for only the store knows."""
     x, y, width, height = scene.image.rect
     samples_total = width * height * scene.sampling.samples
+    tile_size = tile_size or choose_tile_size(x, y, width, height, scene.sampling.samples)
     meshes = [thing for thing in scene.objects if isinstance(thing, Mesh)]
     n_triangles = sum(len(mesh.faces) for mesh in meshes)
     n_vertices = sum(len(mesh.positions) for mesh in meshes)
@@ -63,7 +65,7 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int) -> Estimate:
         + n_vertices * _VERTEX_BYTES
         + min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
         result_bytes=width * height * _RESULT_BYTES_PER_PIXEL,
-        store_bytes=width * height * (_FILM_BYTES_PER_PIXEL + _RESULT_BYTES_PER_PIXEL),
+        store_bytes=width * height * (_TILE_BYTES_PER_PIXEL + _RESULT_BYTES_PER_PIXEL),
         features=features,
         skipped=skipped,
         assets_missing=[],

@@ -96,7 +96,7 @@ ESTIMATE: Final[dict[str, Any]] = {
     "tiles": 6,
     "memory_bytes": 105054208,
     "result_bytes": 288000,
-    "store_bytes": 1209600,
+    "store_bytes": 518400,
     "features": ["camera:perspective", "light:ambient", "light:directional", "object:plane", "object:sphere"],
     "skipped": ["crop", "emission", "textures", "transmission"],
     "assets_missing": [],

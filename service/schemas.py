@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 
 from tracer.scene import SceneDoc
-from worker.contract import BLOCK_PX, DEFAULT_TILE_PX, MAX_TILE_PX, MIN_TILE_PX
+from worker.contract import BLOCK_PX, MAX_TILE_PX, MIN_TILE_PX
 from worker.states import JobState
 
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$", strict=True)]
@@ -41,12 +41,12 @@ class OutputOptions(Received):
     png_color_space: Literal["srgb", "linear"] = Field(
         default="srgb", description="Encoding of result.png; the EXR is linear in any case."
     )
-    tile_size: int = Field(
-        default=DEFAULT_TILE_PX,
+    tile_size: int | None = Field(
+        default=None,
         ge=MIN_TILE_PX,
         le=MAX_TILE_PX,
         multiple_of=BLOCK_PX,
-        description="Edge of a tile, px. How the work is cut; the picture's bytes do not depend on it.",
+        description="Edge of a tile, px; chosen by the amount of work where it lacks. The bytes do not depend on it.",
     )
 
 

@@ -78,7 +78,6 @@ REPORT = "report.json"
 PREVIEW_PNG = "preview.png"
 RESULT_NAMES = frozenset({RESULT_EXR, RESULT_PNG, REPORT, PREVIEW_PNG})
 
-DEFAULT_TILE_PX = 64
 MIN_TILE_PX = 16
 MAX_TILE_PX = 512
 BLOCK_PX = 16  # block of the absolute image grid; a tile's edge is a multiple of it

@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from worker.contract import DEFAULT_TILE_PX
 from worker.errors import (
     IdempotencyConflictError,
     IllegalTransitionError,
@@ -19,7 +18,7 @@ from worker.errors import (
     JobNotFoundError,
     QueueError,
 )
-from worker.grid import TileGrid
+from worker.grid import TileGrid, choose_tile_size
 from worker.queue import IndexProgress, Queue
 from worker.records import JobEvent, JobRecord, new_job_id, now, seconds_between
 from worker.states import TERMINAL, JobState, allowed_from
@@ -105,16 +104,19 @@ def make_record(
     owner, job_id, name, priority
         As in `JobRecord`.
     output
-        ``png_color_space`` and ``tile_size``; what lacks gets its default.
+        ``png_color_space`` ("srgb" by default) and ``tile_size`` (None, the default: by the amount of work).
     idempotency_key
         Key of the request, if any.
     """
     image = scene.image
     crop = image.crop
-    settings = {"png_color_space": "srgb", "tile_size": DEFAULT_TILE_PX, **(output or {})}
+    samples = scene.sampling.samples
+    settings = {"png_color_space": "srgb", "tile_size": None, **(output or {})}
     x, y, width, height = (
         (0, 0, image.width, image.height) if crop is None else (crop.x, crop.y, crop.width, crop.height)
     )
+    if settings["tile_size"] is None:
+        settings["tile_size"] = choose_tile_size(x, y, width, height, samples)
     return JobRecord(
         id=job_id,
         owner=owner,
@@ -127,7 +129,7 @@ def make_record(
         y=y,
         crop_width=width,
         crop_height=height,
-        samples=scene.sampling.samples,
+        samples=samples,
         output=settings,
         priority=priority,
         n_tiles=TileGrid(x, y, width, height, int(settings["tile_size"])).n_tiles,

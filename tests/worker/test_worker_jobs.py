@@ -161,3 +161,11 @@ def test_delete_only_what_has_ended(farm: SmallFarm):
     jobs.delete(farm.store, farm.queue, job_id)
     with pytest.raises(JobNotFoundError):
         jobs.view(farm.store, farm.queue, job_id)
+
+
+@pytest.mark.parametrize(("output", "size"), [({}, 256), ({"tile_size": None}, 256), ({"tile_size": 48}, 48)])
+def test_tile_size_is_chosen_where_none_is_named(farm: SmallFarm, output: dict[str, object], size: int):
+    scene = make_scene(width=3840, height=2160, samples=16)
+    record = farm.store.read_job(jobs.submit(farm.store, farm.queue, scene, owner="me", output=output).job_id)
+    assert record.output["tile_size"] == size
+    assert record.n_tiles == -(-3840 // size) * -(-2160 // size)

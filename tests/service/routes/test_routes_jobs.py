@@ -230,18 +230,18 @@ def test_delete_waits_for_the_end(farm: Farm) -> None:
 
 
 def test_a_job_that_would_fill_the_store_is_refused(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs.shutil, "disk_usage", lambda _root: SimpleNamespace(free=200 * 10**9))
+    monkeypatch.setattr(jobs.shutil, "disk_usage", lambda _root: SimpleNamespace(free=100 * 10**9))
     before = list(farm.store.job_ids())
     body = assert_problem(
         farm.post(scene(image={"width": 65536, "height": 65536}, sampling={"samples": 1})), 507, "store-full"
     )
-    assert body["needed_bytes"] == 65536 * 65536 * 63 + (64 << 20)
-    assert str(65536 * 65536 * 63) in body["detail"]
+    assert body["needed_bytes"] == 65536 * 65536 * 27 + (64 << 20)
+    assert str(65536 * 65536 * 27) in body["detail"]
     assert list(farm.store.job_ids()) == before
 
 
 def test_a_job_must_leave_some_room(farm: Farm, monkeypatch: pytest.MonkeyPatch) -> None:
-    need = 64 * 48 * 63 + (64 << 20)
+    need = 64 * 48 * 27 + (64 << 20)
     for free, status in ((need, 202), (need - 1, 507)):
         monkeypatch.setattr(jobs.shutil, "disk_usage", lambda _root, free=free: SimpleNamespace(free=free))
         assert farm.post().status_code == status
@@ -273,5 +273,5 @@ def test_validate_only_estimates_and_makes_no_job(farm: Farm) -> None:
     assert {"reflection", "light:point", "object:sphere", "object:mesh_asset"} <= set(estimate["features"])
     assert "transmission" in estimate["skipped"]
     assert estimate["memory_bytes"] > 0
-    assert estimate["store_bytes"] == 64 * 48 * (48 + 15)  # two halves of three float64, an EXR and a PNG
+    assert estimate["store_bytes"] == 64 * 48 * (12 + 15)  # tiles of three float32, an EXR and a PNG
     assert list(farm.store.job_ids()) == before
