@@ -110,7 +110,7 @@ def _audit_leases(queue: Queue) -> list[str]:
 def _audit_rest(store: Store, queue: Queue) -> list[str]:
     """Check that a farm at rest has nothing in hand."""
     findings = [f"{worker} still has {lease}" for worker, lease in queue.leases().items()]
-    allowed = {contract.KEY_EPOCH, contract.KEY_WORKERS, "rq:queues"}
+    allowed = {contract.KEY_EPOCH, contract.KEY_STORE, contract.KEY_WORKERS, "rq:queues"}
     keys = {key.decode() for key in queue.redis.scan_iter(count=1000)}
     # Hints of a job that has ended find nothing to do; they may still be on their way.
     findings += [f"key {key} is left" for key in sorted(keys - allowed) if not key.startswith("rq:queue:")]

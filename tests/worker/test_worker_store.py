@@ -15,12 +15,9 @@ from worker_farm import make_scene
 from tracer.scene import canonical_json
 from worker import jobs
 from worker.errors import (
-    AssetNotFoundError,
-    AssetTooLargeError,
     BadNameError,
     ConflictError,
     DamagedRecordError,
-    HashMismatchError,
     IllegalTransitionError,
     JobNotFoundError,
 )
@@ -97,12 +94,6 @@ def test_no_path_comes_from_a_bad_name(store: Store, name: str):
         store.put_idempotency(name, "key", "hash", new_job_id())
 
 
-@pytest.mark.parametrize("name", ["job.json", "../result.png", "result.jpg", ""])
-def test_results_have_four_names(store: Store, job_id: str, name: str):
-    with pytest.raises(BadNameError):
-        store.result_path(job_id, name)
-
-
 def test_unknown_job(store: Store):
     for call in (store.read_job, store.read_scene, store.last_event, store.events, store.read_plan, store.delete_job):
         with pytest.raises(JobNotFoundError):
@@ -170,36 +161,6 @@ def test_only_one_of_many_transitions_wins(store: Store, job_id: str):
         assert sum(pool.map(attempt, range(8))) == 1
 
 
-def test_tiles_are_written_once(store: Store, job_id: str):
-    assert store.write_tile(job_id, 3, b"three")
-    assert not store.write_tile(job_id, 3, b"other")
-    assert store.write_tile(job_id, 11, b"eleven")
-    assert store.read_tile(job_id, 3) == b"three"
-    assert store.done_tiles(job_id) == [3, 11]
-    store.delete_tiles(job_id)
-    assert store.done_tiles(job_id) == []
-    with pytest.raises(JobNotFoundError):
-        store.write_tile(job_id, 4, b"too late")
-    assert not list(store.temporary.iterdir())
-
-
-def test_plan_is_written_once_and_a_damaged_one_is_none(store: Store, job_id: str):
-    assert store.read_plan(job_id) is None
-    assert store.write_plan(job_id, {"seed": 1})
-    assert not store.write_plan(job_id, {"seed": 2})
-    assert store.read_plan(job_id) == {"seed": 1}
-    (store.job_dir(job_id) / "plan.json").write_bytes(b"")
-    assert store.read_plan(job_id) is None
-
-
-def test_results_are_moved_in(store: Store, job_id: str, tmp_path: Path):
-    (tmp_path / "x").write_bytes(b"png")
-    store.commit_result(job_id, {"result.png": tmp_path / "x"})
-    assert store.has_result(job_id, "result.png")
-    assert not store.has_result(job_id, "result.exr")
-    assert store.result_path(job_id, "result.png").read_bytes() == b"png"
-
-
 def test_listing_is_newest_first_and_paged(store: Store):
     ids = []
     for _ in range(5):
@@ -242,29 +203,6 @@ def test_deleting_a_job_leaves_the_key_of_a_newer_one(store: Store, record: str 
     assert path.exists() is (record is None)  # a damaged record is of no use to anybody
     if record is None:
         assert store.put_idempotency("me", "key", "hash", new_job_id()) == ("hash", newer)
-
-
-def test_first_key_wins(store: Store):
-    first, second = new_job_id(), new_job_id()
-    assert store.put_idempotency("me", "a key / with .. anything", "hash", first) == ("hash", first)
-    assert store.put_idempotency("me", "a key / with .. anything", "hash", second) == ("hash", first)
-    assert store.put_idempotency("you", "a key / with .. anything", "hash", second) == ("hash", second)
-
-
-def test_assets_are_checked(store: Store):
-    data = b"geometry" * 1000
-    name = hashlib.sha256(data).hexdigest()
-    assert not store.has_asset(name)
-    with pytest.raises(AssetNotFoundError):
-        store.asset_path(name)
-    with pytest.raises(HashMismatchError):
-        store.put_asset(name, [b"other"], 10**6)
-    with pytest.raises(AssetTooLargeError):
-        store.put_asset(name, [data], len(data) - 1)
-    assert store.put_asset(name, (data[i : i + 7] for i in range(0, len(data), 7)), len(data))
-    assert not store.put_asset(name, iter([b"never read"]), 1)
-    assert store.asset_path(name).read_bytes() == data
-    assert not list(store.temporary.iterdir())
 
 
 def test_sweep_takes_the_old_only(store: Store):
