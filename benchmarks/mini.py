@@ -1,7 +1,8 @@
 """``make mini``: the MINI in the Cornell box, 3840 x 2160, 16 samples, through HTTP and the worker pool.
 
 Job: start a service with two workers, submit ``scenes/mini-cornell.json``, write ``out/mini.png`` and ``out/mini.exr``,
-and the page ``benchmarks/results/mini.md`` with ``mini.json`` and a reduced picture.
+and the page ``benchmarks/results/mini.md`` with ``mini.json`` and a reduced picture; say where the time outside the
+kernels went, by stage.
 Invariant: the page speaks of one fixed document, named by its SHA-256; a run of another size or number of samples
 (``--size``, ``--samples``: to try things) writes to ``out/`` alone.
 """
@@ -18,6 +19,7 @@ from PIL import Image
 
 from benchmarks.data import DATA, REPOSITORY, MissingDataError, seed_file
 from benchmarks.machine import describe_machine, machine_line
+from benchmarks.stages import CpuSampler, split
 from client.api import Client, require_success
 from client.assets import prepare_scene, read_scene, sha256_file
 from client.errors import SmaltiError
@@ -63,24 +65,27 @@ def render(options: argparse.Namespace, terminal: Terminal) -> dict[str, Any]:
         terminal.warn(warning)
     terminal.note("starting the service")
     with service(workers=options.workers) as running, Client(running.url) as client:
-        posted = time.monotonic()
-        job = client.submit(prepared)
-        with show_progress("mini") as view:
-            for seen in client.watch(job.id):
-                job = seen
-                view.update(job.state, job.progress)
-        require_success(job)
-        png, exr = OUT / "mini.png", OUT / "mini.exr"
-        client.get(job.id, png)
-        client.get(job.id, exr)
-        wall_s = time.monotonic() - posted
+        with CpuSampler(running.pid) as sampler:
+            posted = time.time()
+            job = client.submit(prepared)
+            with show_progress("mini") as view:
+                for seen in client.watch(job.id):
+                    job = seen
+                    view.update(job.state, job.progress)
+            require_success(job)
+            succeeded = time.time()
+            png, exr = OUT / "mini.png", OUT / "mini.exr"
+            client.get(job.id, png)
+            client.get(job.id, exr)
+            fetched = time.time()
         report = client.report(job.id)
     print_report(terminal, report)
     return {
         "scene_file_sha256": sha256_file(SCENE),
         "png_sha256": sha256_file(png),
         "exr_sha256": sha256_file(exr),
-        "post_to_files_s": round(wall_s, 3),
+        "post_to_files_s": round(fetched - posted, 3),
+        "stages": split(sampler, report, posted, succeeded, fetched),
         "report": report,
         "machine": describe_machine(),
     }
@@ -101,7 +106,18 @@ def rows_of(result: dict[str, Any]) -> list[tuple[str, str]]:
         ),
         ("**first lease to last tile**", f"**{rendering_s:.2f} s**"),
         ("from POST to both files here", f"{result['post_to_files_s']:.2f} s"),
-        ("kernel seconds", f"{report['kernel_s']:.1f} on {len(report['tiles']['workers'])} workers"),
+        (
+            "kernel seconds",
+            f"{report['kernel_s']:.1f} on {len(report['tiles']['workers'])} workers; CPU {report['kernel_cpu_s']:.1f}",
+        ),
+        *[
+            (
+                f"{name}: wall, CPU outside kernels",
+                f"{stage['wall_s']:.2f} s, {stage['outside_kernels_s']:.2f} s"
+                + "".join(f"; {role} {used:.2f}" for role, used in stage["by_process"].items() if used >= 0.005),
+            )
+            for name, stage in result["stages"].items()
+        ],
         ("rays per sample", f"{rays['per_sample']:.3f}"),
         ("rays", ", ".join(f"{format_count(rays[name])} {name[:-5]}" for name in rays if name.endswith("_rays"))),
         (
@@ -169,6 +185,9 @@ def main() -> int:
     report = result["report"]
     seconds = report["seconds"]["first_lease_to_last_tile"]
     terminal.out(f"first lease to last tile: {seconds:.2f} s; rays per sample: {report['rays']['per_sample']:.3f}")
+    for name, stage in result["stages"].items():
+        terminal.out(f"{name}: {stage['wall_s']:.2f} s, CPU outside kernels {stage['outside_kernels_s']:.2f} s")
+    terminal.out(f"POST to both files: {result['post_to_files_s']:.2f} s")
     write_page(result, RESULTS if is_whole else OUT)
     if is_whole and seconds > LONGEST_S:
         terminal.warn(f"slower than {LONGEST_S:.0f} s")
