@@ -1,0 +1,84 @@
+"""What a scene would take, counted by hand."""
+
+from typing import Any
+
+import pytest
+
+from service.estimate import assets_of, estimate, features_of
+from tracer.scene import canonical_json, parse_scene, scene_hash
+
+SHA = {letter: letter * 64 for letter in "abcd"}
+TRIANGLE = {"type": "mesh", "positions": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+
+
+def scene(**changes: Any) -> Any:
+    document = {
+        "version": 1,
+        "camera": {"type": "perspective", "fov_deg": 40},
+        "image": {"width": 100, "height": 40},
+        "sampling": {"samples": 4},
+        **changes,
+    }
+    return parse_scene(document, require_hashes=True)
+
+
+def test_tiles_and_bytes_are_those_of_the_crop() -> None:
+    found = scene(image={"width": 1000, "height": 400, "crop": {"x": 30, "y": 0, "width": 40, "height": 20}})
+    taken = estimate(found, canonical_json(found), 32)
+    assert taken.tiles == 3  # columns 0 to 31, 32 to 63 and 64 to 95 of the absolute grid, one row
+    assert taken.samples_total == 40 * 20 * 4
+    assert taken.result_bytes == 40 * 20 * 15
+    assert taken.scene_sha256 == scene_hash(found)
+    assert (taken.image.width, taken.image.height) == (1000, 400)
+
+
+@pytest.mark.parametrize(
+    ("materials", "depth", "shadows", "rays"),
+    [
+        ({}, 3, True, 1 + 2),  # one point, and a ray from it to each light that is somewhere
+        ({}, 3, False, 1),
+        ({"m": {"kr": 0.5}}, 0, True, 3),
+        ({"m": {"kr": 0.5}}, 2, True, 3 * 3),
+        ({"m": {"kr": 0.5}, "n": {"kt": 0.5}}, 2, True, (1 + 2 + 4) * 3),
+    ],
+)
+def test_rays_are_bounded(materials: dict[str, Any], depth: int, shadows: bool, rays: int) -> None:
+    found = scene(
+        materials=materials,
+        integrator={"max_depth": depth, "shadows": shadows},
+        lights=[
+            {"type": "ambient", "intensity": 1},
+            {"type": "point", "position": [0, 1, 0]},
+            {"type": "directional", "direction": [0, -1, 0]},
+        ],
+    )
+    assert estimate(found, b"", 64).rays_at_most == 100 * 40 * 4 * rays
+
+
+def test_memory_grows_with_inline_meshes() -> None:
+    one, ten = (estimate(scene(objects=[TRIANGLE] * n), b"", 64).memory_bytes for n in (1, 10))
+    assert 9 * 3 * 24 < ten - one < 9 * 1000
+
+
+def test_only_used_assets_count_with_their_companions() -> None:
+    found = scene(
+        objects=[{"type": "mesh_asset", "asset": "car"}],
+        materials={"m": {"diffuse_texture": {"asset": "wood"}}},
+        assets={
+            "car": {"file": "car.obj", "sha256": SHA["a"], "companions": {"car.mtl": SHA["b"]}},
+            "wood": {"file": "wood.png", "sha256": SHA["c"]},
+            "idle": {"file": "idle.png", "sha256": SHA["d"]},
+        },
+    )
+    assert assets_of(found) == {"car": (SHA["a"], SHA["b"]), "wood": (SHA["c"],)}
+    assert estimate(found, b"", 64).assets_never_loaded == ["idle"]
+
+
+def test_each_feature_is_either_used_or_skipped() -> None:
+    used, skipped = features_of(scene(objects=[TRIANGLE], lights=[{"type": "ambient", "intensity": 1}]))
+    assert used == ["camera:perspective", "light:ambient", "object:mesh"]
+    assert "shadows" in skipped, "an ambient light casts none"
+    assert set(used).isdisjoint(skipped)
+    mirror = {"materials": {"m": {"kr": 0.5, "kt": 0.5}}}
+    assert {"reflection", "transmission"} <= set(features_of(scene(**mirror))[0])
+    assert {"reflection", "transmission"} <= set(features_of(scene(**mirror, integrator={"max_depth": 0}))[1])
