@@ -122,6 +122,17 @@ def test_assembler_is_killed(farm: RealFarm, undisturbed: str):
     assert film_of(farm, job_id) == undisturbed
 
 
+def test_assembler_is_killed_with_all_tiles_there(farm: RealFarm, undisturbed: str):
+    job_id = farm.submit(SLOW)
+    farm.until_done(job_id, 8)
+    farm.kill("assembler", signal.SIGSTOP)
+    farm.until_done(job_id, N_TILES)
+    killed_at = time.monotonic()
+    farm.kill("assembler")
+    assert film_of(farm, job_id) == undisturbed
+    assert time.monotonic() - killed_at < 5.0
+
+
 def test_steward_is_killed_and_then_the_index_wiped(farm: RealFarm, undisturbed: str):
     job_id = farm.submit(SLOW)
     farm.until_done(job_id, 8)
