@@ -1,4 +1,4 @@
-"""Rendering in process, the checks of `doctor`, and what they import."""
+"""Rendering in process: pictures, threads, overrides, faults, and Ctrl-C."""
 
 import json
 import signal
@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from client import cli, doctor
+from client import cli
 
 SCENE = {
     "version": 1,
@@ -136,48 +136,3 @@ def test_ctrl_c_stops_the_kernels_at_once(tmp_path: Path) -> None:
 
 
 # doctor
-
-
-def levels(findings: list[doctor.Finding]) -> dict[str, str]:
-    return {finding.what: finding.level for finding in findings}
-
-
-def test_doctor_finds_this_installation_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SMALTI_URL", "")
-    found = levels(doctor.examine())
-    assert found.pop("service") in {"ok", "note"}
-    assert set(found) == {"python", "versions", "packages", "processor", "kernel cache", "data", "disk"}
-    assert "bad" not in found.values()
-    assert found["data"] == "note", "there is none here"
-    (tmp_path / "seed").mkdir()
-    monkeypatch.setenv("SMALTI_DATA", str(tmp_path))
-    assert levels(doctor.examine())["data"] == "ok"
-
-
-def test_doctor_sees_a_shadowed_package(tmp_path: Path) -> None:
-    (tmp_path / "worker.py").write_text("")
-    code = (
-        "import sys; sys.path.insert(0, '.'); from client import doctor; print(*[f.text for f in doctor._packages()])"
-    )
-    environment = {**__import__("os").environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=environment, check=True
-    )
-    assert "`worker` is shadowed" in result.stdout
-    assert str(tmp_path) in result.stdout
-
-
-def test_doctor_goes_on_after_a_check_that_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
-    def explode() -> Any:
-        raise OSError("kaboom")
-
-    monkeypatch.setattr(doctor, "_processor", explode)
-    found = doctor.examine()
-    assert ("bad", "processor", "OSError: kaboom") in [(one.level, one.what, one.text) for one in found]
-    assert "disk" in levels(found)
-
-
-def test_doctor_says_that_a_named_service_is_missing() -> None:
-    result = smalti("doctor", "--url", "http://127.0.0.1:9", "--json")
-    assert result.exit_code == 1
-    assert {"bad"} == {one["level"] for one in json.loads(result.stdout) if one["what"] == "service"}
