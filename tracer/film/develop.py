@@ -19,6 +19,9 @@ ColorSpace = Literal["srgb", "linear"]
 _ONE_BITS: Final = 0x3F800000
 """The bits of float32 1.0."""
 
+_PIECE: Final = 1 << 15
+"""Values that are encoded at once."""
+
 
 class _Table(NamedTuple):
     """Step function from the upper half of a float32's bits to 8 bits.
@@ -105,16 +108,26 @@ def encode_8bit(pixels: NDArray[np.float32], color_space: ColorSpace) -> NDArray
     """Turn linear pixels into 8 bits by the given transfer curve.
 
     Exactly `rint(255 * transfer(x))` in float64 for every float32 x; below 0 and NaN give 0, above 1 gives 255.
-    A table instead of `np.power`: 4 ns a value, 0.11 s of CPU for 3840 x 2160, against 27 ns.
+    A table instead of `np.power`, and in pieces that stay in the processor's cache: 3.5 ns a value, 0.09 s of CPU for
+    3840 x 2160; all at once it takes 0.3 s, and by `np.power` 0.7 s.
     """
     table = _table(color_space)
-    clamped = np.fmax(pixels, np.float32(0.0))  # fmax(NaN, 0) is 0
-    np.fmin(clamped, np.float32(1.0), out=clamped)
-    clamped += np.float32(0.0)  # fmax may return either zero; the bits of 0.0 index the table, those of -0.0 do not
-    bins = (clamped.view(np.uint32) >> np.uint32(16)).astype(np.intp)
-    encoded = table.low[bins]
-    encoded += clamped >= table.step[bins]
-    return encoded
+    flat = pixels.reshape(-1)
+    encoded = np.empty(flat.size, np.uint8)
+    n = min(_PIECE, flat.size)
+    room, room_for_bins, room_for_steps = np.empty(n, np.float32), np.empty(n, np.intp), np.empty(n, np.float32)
+    for start in range(0, flat.size, _PIECE):
+        piece = flat[start : start + _PIECE]
+        clamped, bins, step = room[: piece.size], room_for_bins[: piece.size], room_for_steps[: piece.size]
+        np.fmax(piece, np.float32(0.0), out=clamped)  # fmax(NaN, 0) is 0
+        np.fmin(clamped, np.float32(1.0), out=clamped)
+        clamped += np.float32(0.0)  # fmax may return either zero; the bits of 0.0 index the table, those of -0.0 do not
+        np.right_shift(clamped.view(np.uint32), np.uint32(16), out=bins, casting="unsafe")
+        out = encoded[start : start + _PIECE]
+        np.take(table.low, bins, out=out, mode="clip")  # any other mode makes a copy; every bin is in the table
+        np.take(table.step, bins, out=step, mode="clip")
+        out += clamped >= step
+    return encoded.reshape(pixels.shape)
 
 
 @lru_cache(maxsize=2)
