@@ -14,10 +14,12 @@ import numpy as np
 import OpenImageIO
 from numpy.typing import NDArray
 
-from tracer.film.develop import encode_8bit
+from tracer.film.develop import develop_blocks, encode_8bit
 from tracer.film.tile import Rect, TileHeader, decode_tile, encode_tile
 from tracer.film.writer import BAND_ROWS, FilmWriter, film_sha256
+from tracer.types import BLOCK_PX
 
+SIDE = 256  # of a tile of a 3840 x 2160 picture at 16 samples
 EXR_COMPRESSIONS = ("none", "zip:1", "zip:4", "zips", "piz", "htj2k256")
 PNG_SETTINGS = ((1, 0), (1, 0x10), (1, 0x20), (1, 0x40), (1, 0x80), (3, 0x10), (3, 0), (6, 0x10), (6, 0))
 FILTERS = {0: "all", 0x10: "sub", 0x20: "up", 0x40: "average", 0x80: "paeth"}
@@ -45,10 +47,13 @@ def main() -> None:
         print(f"FilmWriter {least(lambda: write_both(path, pixels)):6.2f} s")
         small = np.zeros((64, 64, 3), np.float32)
         print(f"FilmWriter, 64 x 64 {1e3 * least(lambda: write_both(path, small), 20):.1f} ms")
-    header = TileHeader(Rect(0, 0, 64, 64), (0, 16), {"samples": 65536})
-    sums = np.random.default_rng(0).random((2, 64, 64, 3))
-    data = encode_tile(header, sums)
-    print(f"tile of 64 x 64: encode {1e3 * least(lambda: encode_tile(header, sums), 50):.2f} ms,", end=" ")
+    header = TileHeader(Rect(0, 0, SIDE, SIDE), (0, 16), {"samples": 16 * SIDE * SIDE})
+    values = np.random.default_rng(0).random((SIDE, SIDE, 3), np.float32)
+    blocks = np.random.default_rng(0).random(((SIDE // BLOCK_PX) ** 2, 2, BLOCK_PX, BLOCK_PX, 3))
+    data = encode_tile(header, values)
+    print(f"tile of {SIDE} x {SIDE}: develop", end=" ")
+    print(f"{1e3 * least(lambda: develop_blocks(header.rect, blocks, 16), 50):.2f} ms, encode", end=" ")
+    print(f"{1e3 * least(lambda: encode_tile(header, values), 50):.2f} ms,", end=" ")
     print(f"decode {1e3 * least(lambda: decode_tile(data), 50):.2f} ms, {len(data)} bytes")
 
 

@@ -15,8 +15,8 @@ the PNG has the crop's size, 8 bits, clamped. `film_sha256` is SHA-256 over `sma
 import contextlib
 import hashlib
 import os
-from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
@@ -125,7 +125,11 @@ class FilmWriter:
         self._n_written = 0
         self._exr: _ImageFile | None = None
         self._png: _ImageFile | None = None
-        self._exr_lane, self._png_lane = ThreadPoolExecutor(1, "exr"), ThreadPoolExecutor(1, "png")
+        if n_bands == 1:  # a thread costs half a millisecond, and there is nothing to do meanwhile
+            self._lanes: tuple[Executor, Executor] = (_AtOnce(), _AtOnce())
+            threads = 1
+        else:
+            self._lanes = (ThreadPoolExecutor(1, "exr"), ThreadPoolExecutor(1, "png"))
         try:
             if exr_path is not None:
                 self._exr = _ImageFile(exr_path, _exr_spec(window, display, metadata or {}), "exr", threads)
@@ -183,8 +187,8 @@ class FilmWriter:
         y0, y1 = self._n_written, self._n_written + self._n_buffered
         pending = self._pending[self._band]
         if self._exr is not None:
-            pending.append(self._exr_lane.submit(self._exr.write_tiles, y0, y1, band))
-        pending.append(self._png_lane.submit(self._write_png, y0, y1, band))
+            pending.append(self._lanes[0].submit(self._exr.write_tiles, y0, y1, band))
+        pending.append(self._lanes[1].submit(self._write_png, y0, y1, band))
         self._n_written, self._n_buffered = y1, 0
         self._band = (self._band + 1) % len(self._bands)
 
@@ -206,9 +210,9 @@ class FilmWriter:
         try:
             last = [future for pending in self._pending for future in pending]
             if self._exr is not None:
-                last.append(self._exr_lane.submit(self._exr.finish))
+                last.append(self._lanes[0].submit(self._exr.finish))
             if self._png is not None:
-                last.append(self._png_lane.submit(self._png.finish))
+                last.append(self._lanes[1].submit(self._png.finish))
             for future in last:
                 future.result()
             for image in (self._exr, self._png):
@@ -223,12 +227,22 @@ class FilmWriter:
 
     def abandon(self) -> None:
         """Drop what was written; nothing appears under the final names."""
-        for lane in (self._exr_lane, self._png_lane):
+        for lane in self._lanes:
             lane.shutdown(wait=True, cancel_futures=True)  # an output must not be closed under a thread that writes
         for image in (self._exr, self._png):
             if image is not None:
                 image.discard()
         self._exr = self._png = None
+
+
+class _AtOnce(Executor):
+    """Runs what it is given in the caller's thread."""
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
+        """Call the function; its error is raised here."""
+        future: Future[Any] = Future()
+        future.set_result(function(*args, **options))
+        return future
 
 
 class _ImageFile:
