@@ -12,7 +12,6 @@ from loader_files import Gltf, data_folder, model_file, png_bytes
 
 from tracer.loaders import guard
 from tracer.loaders.errors import LoadError
-from tracer.loaders.files import ModelFile
 from tracer.loaders.guard import LoadRequest, load_guarded, load_image_guarded, load_mesh_guarded
 from tracer.loaders.limits import DEFAULT_LIMITS
 from tracer.loaders.mesh import MeshData
@@ -169,16 +168,6 @@ def test_nothing_heavy_is_imported_by_the_caller():
     code = "import sys, tracer.loaders.guard; print(sorted({'trimesh', 'PIL', 'numba', 'scipy'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "[]"
-
-
-def test_model_files_name_no_path(tmp_path):
-    file = ModelFile(tmp_path / "absent.obj", "their name.obj", None, DEFAULT_LIMITS)
-    with pytest.raises(LoadError) as caught:
-        file.read()
-    assert (
-        str(caught.value)
-        == "their name.obj: cannot be read (No such file or directory); put it there, or name another file"
-    )
 
 
 def test_the_service_s_big_models():

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from loader_files import model_file, png_bytes
+from loader_files import model_file
 
 from tracer.loaders.errors import LoadError
 from tracer.loaders.limits import DEFAULT_LIMITS
 from tracer.loaders.obj import load_obj
-from tracer.loaders.polygon import triangulate
 from tracer.types import FACE_HAS_NORMALS, FACE_HAS_UVS
 
 _SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -16,11 +15,6 @@ _SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 def _load(tmp_path, text, companions=None, limits=DEFAULT_LIMITS):
     file = model_file(tmp_path, "a.obj", text, companions, limits)
     return load_obj(file, file.read())
-
-
-def _area(mesh):
-    a, b, c = (mesh.positions[mesh.faces[:, i]] for i in range(3))
-    return 0.5 * np.cross(b - a, c - a)
 
 
 def test_groups_objects_materials(tmp_path):
@@ -90,112 +84,6 @@ def test_uvs_and_normals_that_are_not_there_are_left_out(tmp_path):
     assert sorted(mesh.face_flags.tolist()) == [0, 0, FACE_HAS_UVS]
     assert any("texture coordinates that are not there" in text for text in mesh.warnings)
     assert any("normals that are not there" in text for text in mesh.warnings)
-
-
-def test_concave_polygons_are_not_fanned_blindly(tmp_path):
-    arrow = [(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)]  # corner 4 points inwards; a fan from corner 1 covers too much
-    text = "".join(f"v {x} {y} 0\n" for x, y in arrow)
-    mesh = _load(tmp_path, text + "f 1 2 3 4 5\nf 3 4 5 1 2\nf 5 4 3 2 1\n")
-    areas = _area(mesh)[:, 2]
-    assert len(areas) == 9
-    assert areas[:6].min() > 0  # counter-clockwise, as the polygons are
-    assert areas[6:].max() < 0
-    assert np.allclose([areas[:3].sum(), areas[3:6].sum(), areas[6:].sum()], [10, 10, -10])
-
-
-def test_concave_quads(tmp_path):
-    mesh = _load(tmp_path, "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\n" + "".join(f"f {q}\n" for q in ("1 2 3 4", "2 3 4 1")))
-    assert np.allclose(_area(mesh)[:, 2].reshape(2, 2).sum(axis=1), 4)
-    assert (_area(mesh)[:, 2] > 0).all()
-
-
-def test_bent_and_empty_polygons_keep_all_corners():
-    bent = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1], [0, 1, -1.0]])
-    assert len(triangulate(bent)) == 3
-    assert triangulate(np.zeros((5, 3))) == [(0, 1, 2), (0, 2, 3), (0, 3, 4)]
-    assert len(triangulate(np.array([[0, 0, 0], [1, 0, 0], [np.nan, 0, 0], [0, 1, 0.0]]))) == 2
-
-
-def test_material_statements(tmp_path):
-    (tmp_path / "a.mtl").write_text(
-        "newmtl glass # the windows\nKa 1 1 1\nKd 0.1 0.2 0.3 # a comment\nKs 0.5\nNs 250\nKe 0 0 2\nNi 1.5\nd 0.25\n"
-        "illum 2\nKd broken\nnewmtl old\nTr 0.75\n"
-    )
-    mesh = _load(tmp_path, "mtllib a.mtl\n" + _SQUARE + "usemtl glass\nf 1 2 3\nusemtl old\nf 1 3 4\n")
-    glass, old = mesh.materials
-    assert (glass.kd, glass.ks, glass.ke) == ((0.1, 0.2, 0.3), (0.5, 0.5, 0.5), (0, 0, 2))
-    assert (glass.exponent, glass.eta, glass.opacity) == (250, 1.5, 0.25)
-    assert old.opacity == 0.25
-    assert mesh.warnings == (
-        "material 'glass # the windows': kd 'broken' is not made of numbers and is passed over",
-    ) or ("kd 'broken'" in mesh.warnings[0])
-
-
-def test_textures(tmp_path):
-    (tmp_path / "maps").mkdir()
-    (tmp_path / "maps" / "the wood.png").write_bytes(png_bytes(3, 2))
-    (tmp_path / "a.mtl").write_text(
-        "newmtl a\nmap_Kd maps/the wood.png\nnewmtl b\nmap_Kd -clamp on -s 1 1 1 -bm 2 maps\\the wood.png\n"
-        "newmtl c\nmap_Kd gone.png\nnewmtl d\nmap_Kd a.mtl\n"
-    )
-    faces = "".join(f"usemtl {name}\nf 1 2 3\n" for name in "abcd")
-    mesh = _load(tmp_path, "mtllib a.mtl\n" + _SQUARE + faces)
-    assert [image.shape for image in mesh.images] == [(2, 3, 3), (2, 3, 3)]
-    assert [material.image for material in mesh.materials] == [0, 1, -1, -1]
-    assert [material.wrap for material in mesh.materials] == ["repeat", "clamp", "repeat", "repeat"]
-    assert mesh.images[0][0, 0].tolist() == [255, 0, 0]
-    assert any("'gone.png' is missing" in text and "'c'" in text for text in mesh.warnings)
-    assert any("is not an image" in text and "'d'" in text for text in mesh.warnings)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "../secret.png",
-        "%2e%2e/secret.png",
-        "/etc/hostname",
-        "..\\secret.png",
-        "file:///etc/hostname",
-        "http://x/y.png",
-        "C:\\x.png",
-    ],
-)
-def test_nothing_outside_the_folder_is_opened(tmp_path, name):
-    (tmp_path / "secret.png").write_bytes(png_bytes())
-    folder = tmp_path / "model"
-    folder.mkdir()
-    (folder / "a.mtl").write_text(f"newmtl m\nmap_Kd {name}\n")
-    mesh = _load(folder, "mtllib a.mtl\n" + _SQUARE + "usemtl m\nf 1 2 3\n")
-    assert mesh.images == ()
-    assert any("never opened" in text for text in mesh.warnings)
-
-
-def test_with_a_list_of_companions_nothing_else_is_opened(tmp_path):
-    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nmap_Kd t.png\n")
-    (tmp_path / "t.png").write_bytes(png_bytes())
-    text = "mtllib a.mtl\n" + _SQUARE + "usemtl m\nf 1 2 3\n"
-    assert len(_load(tmp_path, text, ["a.mtl", "t.png"]).images) == 1
-    assert len(_load(tmp_path, text, ["./a.mtl"]).images) == 0
-    assert len(_load(tmp_path, text, ["a.mtl"]).materials) == 1
-    assert len(_load(tmp_path, text, []).materials) == 0
-
-
-@pytest.mark.parametrize("on_disk", ["50% grey.png", "50%25%20grey.png"])
-def test_names_with_percent_signs_decoded_or_as_they_are(tmp_path, on_disk):
-    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd 50%25%20grey.png\n")
-    (tmp_path / on_disk).write_bytes(png_bytes())
-    text = "mtllib a.mtl\n" + _SQUARE + "usemtl m\nf 1 2 3\n"
-    assert len(_load(tmp_path, text, ["a.mtl", on_disk]).images) == 1
-    assert len(_load(tmp_path, text).images) == 1
-    assert len(_load(tmp_path, text, ["a.mtl"]).images) == 0
-
-
-def test_library_names_with_spaces_and_several_libraries(tmp_path):
-    (tmp_path / "my lib.mtl").write_text("newmtl a\nKd 1 0 0\n")
-    assert len(_load(tmp_path, "mtllib my lib.mtl\n" + _SQUARE + "f 1 2 3\n").materials) == 1
-    (tmp_path / "one.mtl").write_text("newmtl a\n")
-    (tmp_path / "two.mtl").write_text("newmtl b\n")
-    assert len(_load(tmp_path, "mtllib one.mtl two.mtl\n" + _SQUARE + "f 1 2 3\n").materials) == 2
 
 
 def test_vertex_colours_are_taken_as_srgb(tmp_path):

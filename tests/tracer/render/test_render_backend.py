@@ -59,15 +59,6 @@ def test_halves_are_independent_estimates():
     assert np.abs(means[:, 0] - means[:, 1]).mean() < 0.05
 
 
-def test_crop_equals_the_full_picture():
-    full = render_compiled(mixed()).pixels
-    for crop in [(0, 0, 40, 24), (5, 3, 20, 17), (17, 16, 1, 1), (39, 23, 1, 1)]:
-        x, y, w, h = crop
-        part = render_compiled(mixed(settings=settings(crop=crop)))
-        np.testing.assert_array_equal(part.pixels, full[y : y + h, x : x + w])
-        assert part.counters["samples"] == 4 * w * h
-
-
 def test_outside_the_crop_is_zero():
     scene = mixed(settings=settings(crop=(3, 5, 8, 4)))
     film = render(scene, [[0, 0]])
@@ -136,17 +127,6 @@ def test_sums_are_compensated():
     assert abs(np.cumsum(np.full(32768, 0.1))[-1] / (32768 * 0.1) - 1) > 1e-13
 
 
-def test_threads_change_nothing():
-    scene = mixed(settings=settings(width=200, height=100))
-    seen = []
-    one, three = render_compiled(scene), render_compiled(scene, threads=3, progress=seen.append)
-    np.testing.assert_array_equal(one.pixels, three.pixels)
-    assert one.counters == three.counters
-    assert [p.blocks_done for p in seen] == sorted(p.blocks_done for p in seen)
-    assert (seen[-1].blocks_done, seen[-1].blocks_total) == (91, 91)
-    assert seen[-1].rays == sum(v for name, v in one.counters.items() if name.endswith("_rays"))
-
-
 def test_cancel_before():
     with pytest.raises(Canceled):
         render(mixed(), cancel=np.ones(1, np.int64))
@@ -173,14 +153,6 @@ def test_cancel_is_seen_soon(width, height, samples):
     cancel[0] = 1
     thread.join(10)
     assert ended[0] - asked < 0.25  # 20 ms on an idle machine; the bound leaves room for a busy one
-
-
-def test_cancel_of_a_whole_picture():
-    scene = mixed(settings=settings(width=1600, height=1600, samples=256))
-    cancel = np.zeros(1, np.int64)
-    threading.Timer(0.2, lambda: cancel.__setitem__(0, 1)).start()
-    with pytest.raises(Canceled):
-        render_compiled(scene, cancel=cancel, threads=2)
 
 
 @pytest.mark.parametrize(
