@@ -3,7 +3,10 @@
 import copy
 from typing import Any
 
+import pytest
 from hypothesis import strategies as st
+
+from tracer.scene import SceneError, parse_scene
 
 HASH = "0" * 63 + "a"
 
@@ -186,3 +189,10 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
     if draw(st.booleans()):
         document["name"] = draw(names)
     return document
+
+
+def faults_of(document: Any, **options: bool) -> dict[str, tuple[str, str]]:
+    """Pointer to message and expectation of all faults."""
+    with pytest.raises(SceneError) as caught:
+        parse_scene(document, **options)
+    return {fault.pointer: (fault.message, fault.expected) for fault in caught.value.faults}

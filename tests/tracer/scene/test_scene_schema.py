@@ -9,7 +9,7 @@ import pytest
 from scene_documents import FULL, MINIMAL, full
 
 from tracer.scene import SceneDoc, SceneError, canonical_json, json_schema, parse_scene
-from tracer.scene.schema import described, schema_at
+from tracer.scene.schema import described, schema_at, without_references
 from tracer.scene.translate import _ANY, _UNIONS
 
 SCHEMA = json_schema()
@@ -130,3 +130,18 @@ def test_places_are_described() -> None:
     assert described(schema_at(FULL, ["objects", 3, "radius"])) == "a number >= 1e-30 and <= 1e+30 (radius, above zero)"
     assert described(schema_at(FULL, ["lights", 0, "type"])).startswith('"ambient"')
     assert described(schema_at(FULL, ["nowhere", "at all"])) == "nothing"
+
+
+def test_schemas_of_others_are_described_alike() -> None:
+    schema = {
+        "$defs": {"Kind": {"enum": ["a", "b"], "description": "for programmers"}},
+        "properties": {
+            "kind": {"$ref": "#/$defs/Kind", "description": "Which one."},
+            "step": {"type": "integer", "minimum": 16, "multipleOf": 16},
+        },
+    }
+    whole = without_references(schema)
+    assert "$ref" not in json.dumps(whole)
+    assert described(schema_at({}, ["kind"], whole)) == 'one of "a", "b" (which one)'
+    assert described(schema_at({}, ["step"], whole)) == "a whole number >= 16, a multiple of 16"
+    assert schema_at({}, ["absent"], whole) is None
