@@ -88,7 +88,7 @@ def build_report(
     film_sha256
         Hash of the picture.
     assembling_s
-        Seconds that the assembler worked on it (mostly while tiles were still being rendered).
+        Seconds that the assembler worked on it, while tiles were still being rendered or after the last.
     sizes
         File name -> bytes of the results.
     """

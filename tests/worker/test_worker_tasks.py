@@ -71,6 +71,8 @@ def test_scene_error_fails_the_job_with_a_pointer(farm: SmallFarm):
         "title": "The scene cannot be rendered",
         "detail": "it asked for it",
         "pointer": "/scene",
+        "tiles_done": 0,
+        "rays": 0,
     }
     assert events_of(farm, job_id) == ["created", "preparing", "failed"]
     assert farm.queue.active_jobs() == set()
