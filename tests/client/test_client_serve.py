@@ -7,6 +7,7 @@ import pytest
 
 from client.errors import NotReachableError, SmaltiError, UsageError
 from client.serve import default_store, run_farm
+from worker import contract
 from worker.embedded import EmbeddedServer
 from worker.errors import QueueUnavailableError
 from worker.identity import claim_store
@@ -36,7 +37,9 @@ def test_the_store_of_another_service_is_wrong_usage(tmp_path: Path) -> None:
     server = EmbeddedServer(tmp_path / "valkey")
     server.start()
     try:
-        claim_store(Store(tmp_path / "right"), Queue(server.url))
+        queue = Queue(server.url)
+        claim_store(Store(tmp_path / "right"), queue)
+        queue.redis.persist(contract.KEY_STORE)  # on a busy machine it would lapse too soon
         with pytest.raises(UsageError, match="give the --store that it has"):
             run_farm(store=tmp_path / "wrong", redis_url=server.url, workers=0, api=False, steward=False)
     finally:

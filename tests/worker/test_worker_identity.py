@@ -57,6 +57,7 @@ def test_steward_of_another_store_leaves_the_index_alone(farm: SmallFarm, other:
 
 
 def test_worker_with_another_store_does_not_start(farm: SmallFarm, other: Store):
+    farm.queue.redis.persist(contract.KEY_STORE)  # a busy machine may take longer to start a process
     settings = farm.settings.model_copy(update={"store": other.root, "redis_url": farm.queue.url})
     command = [sys.executable, "-m", "worker.main", "worker"]
     ended = subprocess.run(command, env=settings.child_environment(), capture_output=True, timeout=60, check=False)
