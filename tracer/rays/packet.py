@@ -1,0 +1,363 @@
+"""Packets: up to 64 rays of one dominant axis and sense through the wide tree together.
+
+The rays' hull is a beam. Along the dominant axis, counted in the sense of travel (the *depth*), each ray is a straight
+line x(depth), y(depth) with slopes of at most 1 in size; the least of them is concave in the depth and the greatest
+convex, so the chord between two depths bounds all rays between these. A node is visited when one of its boxes, cut to
+the depths at which a ray can still find something, reaches between the four chords: 8 boxes at once, in float32,
+padded by what its rounding and the predicate's can amount to (:mod:`tracer.rays.state` counts the same). Leaves are
+float64 and exact (:mod:`tracer.rays.packet_leaf`).
+
+Invariants: a ray's answer does not depend on the others of its packet, nor on whether it travels in one: the least
+(t, id) of all triangles it meets. A node is left out only if no ray of the packet can find anything in it.
+
+Sources: Reshetov, Soupikov and Hurley 2005 (beams of rays); Boulos, Wald and Benthin 2008 (interval culling).
+"""
+
+from typing import Any, Final
+
+from tracer.accel.emit import ORDER_BITS
+from tracer.accel.layout import (
+    FRAME_CENTRE,
+    FRAME_HALF,
+    FRAME_SCALE,
+    HEADER_BYTES,
+    HEADER_WIDE_LEAVES,
+    NODE_CHILDREN,
+    NODE_HIGH,
+    STACK_ENTRIES,
+    UNIT,
+)
+from tracer.jit import inline, kernel
+from tracer.rays.packet_leaf import (
+    BEAM_BYTES,
+    BEAM_CENTRE,
+    BEAM_FIRST,
+    BEAM_LAST,
+    BEAM_SCALE,
+    BEAM_SIGN,
+    BEAM_X_SLOPE,
+    BEAM_X_SPREAD,
+    BEAM_X_START,
+    BEAM_X_WIDTH,
+    BEAM_Y_SLOPE,
+    BEAM_Y_SPREAD,
+    BEAM_Y_START,
+    BEAM_Y_WIDTH,
+    cut_leaf,
+    meet_triangle,
+)
+from tracer.rays.rows import (
+    AXIS,
+    LANES,
+    LIGHT,
+    NIBBLE,
+    ORIGIN,
+    ROW,
+    SHEAR,
+    SPEED,
+    STEP,
+    T_BEST,
+    VECTOR,
+    VECTORS,
+    mask_of,
+    put,
+)
+from tracer.simd import (
+    absolute,
+    count_trailing_zeros,
+    float32x8,
+    load,
+    mask_to_bits,
+    maximum,
+    minimum,
+    multiply_add,
+    reduce_max,
+    reduce_min,
+    select,
+    splat,
+    stack_memory,
+    store,
+    to_bits,
+)
+from tracer.simd.gateway import types
+
+_float32: Final = types.float32
+_float64: Final = types.float64
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+CLOSEST: Final = 0
+ANY: Final = 1  # which rays meet anything
+SHADE: Final = 2  # light is multiplied by what each surface lets through
+
+_INF: Final = float("inf")
+_STACK_BYTES: Final = 8 * STACK_ENTRIES
+_NEAR_BYTES: Final = 32
+_FOUND_BYTES: Final = 4 * STEP
+_END: Final = 0x7FFFFFFFFFFFFFFF
+_ROOT: Final = HEADER_BYTES // UNIT << 3
+_ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
+_THINNEST: Final = 2.0**-10  # depth over which the chords are drawn at least
+_WELL: Final = 2.0**-20  # depth by which a well-shaped triangle's t can be off
+
+
+@inline
+def _spread(value: float) -> Any:
+    return splat(float32x8, _float32(value))
+
+
+@inline
+def _extremes(packet: int, active: int, offset: int, kx: int, kz: int, frame: Any, depth: float) -> Any:
+    """Least and greatest x of the active rays at a depth, frame units."""
+    cx, cz, scale, sign = frame
+    low, high = splat(VECTOR, _INF), splat(VECTOR, -_INF)
+    s, middle_x, middle_z, d = splat(VECTOR, scale), splat(VECTOR, cx), splat(VECTOR, cz), splat(VECTOR, depth)
+    sense = splat(VECTOR, sign)
+    for i in range(VECTORS):
+        if (active >> (LANES * i)) & NIBBLE == 0:
+            continue
+        mask = mask_of(active, i)
+        at = packet + STEP * i
+        start = (load(VECTOR, at + ORIGIN + kz * ROW) - middle_z) * s * sense
+        x = (load(VECTOR, at + ORIGIN + kx * ROW) - middle_x) * s
+        x = x + load(VECTOR, at + SHEAR + offset) * sense * (d - start)
+        low = minimum(low, select(mask, x, low))
+        high = maximum(high, select(mask, x, high))
+    return reduce_min(low), reduce_max(high)
+
+
+@inline
+def _chords(packet: int, active: int, offset: int, kx: int, kz: int, frame: Any, first: float, last: float, slop: float) -> Any:
+    """Return (slope, start) of the lower and of the upper bounding line, padded for float64."""
+    low_0, high_0 = _extremes(packet, active, offset, kx, kz, frame, first)
+    low_1, high_1 = _extremes(packet, active, offset, kx, kz, frame, last)
+    inverse = 1.0 / (last - first)
+    low_slope, high_slope = (low_1 - low_0) * inverse, (high_1 - high_0) * inverse
+    pad = slop + 2.0**-46 * (abs(low_0) + abs(low_1) + abs(high_0) + abs(high_1))
+    return low_slope, low_0 - low_slope * first - pad, high_slope, high_0 - high_slope * first + pad
+
+
+@inline
+def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
+    """Greatest depth at which an active ray can still find something, frame units."""
+    _cx, cz, scale, sign = frame
+    last = splat(VECTOR, -_INF)
+    middle, s = splat(VECTOR, cz), splat(VECTOR, scale * sign)
+    speed = splat(VECTOR, scale)
+    for i in range(VECTORS):
+        if (active >> (LANES * i)) & NIBBLE == 0:
+            continue
+        at = packet + STEP * i
+        end = (load(VECTOR, at + ORIGIN + kz * ROW) - middle) * s
+        end = end + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * speed
+        last = maximum(last, select(mask_of(active, i), end, last))
+    return float(reduce_max(last))
+
+
+@inline
+def _push_many(hits: int, near: int, children: int, top: int) -> int:
+    """Push all hit children, farthest first; returns the new top."""
+    bottom = top
+    while hits != 0:
+        lane = count_trailing_zeros(hits)
+        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
+        hits &= hits - 1
+        slot = top
+        while slot > bottom and load(_int64, slot - 8) < entry:
+            store(slot, load(_int64, slot - 8))
+            slot -= 8
+        store(slot, entry)
+        top += 8
+    return top
+
+
+@kernel
+def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
+    """Follow the active rays of a packet, all of one AXIS.
+
+    Parameters
+    ----------
+    base
+        Address of the tree.
+    packet
+        Address of the rays (:mod:`tracer.rays.rows`): ORIGIN, SHEAR, SPEED, AXIS, T_BEST and SKIP are set; for CLOSEST
+        PRIMITIVE is -1 too, for SHADE LIGHT is 1.
+    active
+        Set of rays, not empty.
+    mode
+        CLOSEST: T_BEST, PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is
+        multiplied by kt of every triangle that is met within the ray's end.
+    kt, face_material, stride
+        For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
+        material.
+
+    Returns
+    -------
+    int64
+        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST.
+    """
+    if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
+        return _int64(0)
+    axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
+    kz = axis >> 1
+    kx = kz - 2 if kz == 2 else kz + 1
+    ky = kz - 1 if kz > 0 else _int64(2)
+    sign = -1.0 if axis & 1 else 1.0
+    scale = load(_float64, base + 8 * FRAME_SCALE)
+    cx = load(_float64, base + 8 * FRAME_CENTRE + 8 * kx)
+    cy = load(_float64, base + 8 * FRAME_CENTRE + 8 * ky)
+    cz = load(_float64, base + 8 * FRAME_CENTRE + 8 * kz)
+    half = load(_float64, base + 8 * FRAME_HALF + 8 * kz)
+    frame_x = (cx, cz, scale, sign)
+    frame_y = (cy, cz, scale, sign)
+    # how far the origins are, in frame units: what float64 does not resolve
+    reach = splat(VECTOR, 0.0)
+    begin = splat(VECTOR, _INF)
+    middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
+    sense = splat(VECTOR, sign)
+    for i in range(VECTORS):
+        if (active >> (LANES * i)) & NIBBLE == 0:
+            continue
+        at = packet + STEP * i
+        mask = mask_of(active, i)
+        x = load(VECTOR, at + ORIGIN + kx * ROW) - middle_x
+        y = load(VECTOR, at + ORIGIN + ky * ROW) - middle_y
+        z = load(VECTOR, at + ORIGIN + kz * ROW) - middle_z
+        far = maximum(absolute(x), maximum(absolute(y), absolute(z)))
+        reach = maximum(reach, select(mask, far, reach))
+        begin = minimum(begin, select(mask, z * sense, begin))
+    centre = max(abs(cx), abs(cy), abs(cz)) * scale
+    slop = 2.0**-46 * (1.0 + reduce_max(reach) * scale + centre)
+    first_depth = max(float(reduce_min(begin)) * scale, -half) - slop
+    last_depth = min(_deepest(packet, active, kz, frame_x) + _WELL, half) + slop
+    if first_depth > last_depth:
+        return _int64(0)
+    start = -half - slop
+    end = max(last_depth, start + _THINNEST)
+    x_low, x_low_start, x_high, x_high_start = _chords(packet, active, _int64(0), kx, kz, frame_x, start, end, slop)
+    y_low, y_low_start, y_high, y_high_start = _chords(packet, active, _int64(ROW), ky, kz, frame_y, start, end, slop)
+    beam = stack_memory(BEAM_BYTES)
+    store(beam + BEAM_CENTRE, cx)
+    store(beam + BEAM_CENTRE + 8, cy)
+    store(beam + BEAM_CENTRE + 16, cz)
+    store(beam + BEAM_SCALE, scale)
+    store(beam + BEAM_SIGN, sign)
+    store(beam + BEAM_FIRST, start)
+    store(beam + BEAM_LAST, end)
+    store(beam + BEAM_X_SLOPE, 0.5 * (x_low + x_high))
+    store(beam + BEAM_X_START, 0.5 * (x_low_start + x_high_start))
+    store(beam + BEAM_X_SPREAD, 0.5 * (x_high - x_low))
+    store(beam + BEAM_X_WIDTH, 0.5 * (x_high_start - x_low_start) + slop)
+    store(beam + BEAM_Y_SLOPE, 0.5 * (y_low + y_high))
+    store(beam + BEAM_Y_START, 0.5 * (y_low_start + y_high_start))
+    store(beam + BEAM_Y_SPREAD, 0.5 * (y_high - y_low))
+    store(beam + BEAM_Y_WIDTH, 0.5 * (y_high_start - y_low_start) + slop)
+    # the lines in float32, each slope split by sign: the rising part counts at one end of a box, the falling at the other
+    deepest = max(abs(start), abs(end))
+    pad = _ROUNDING * (abs(x_low_start) + abs(x_low) * deepest) + slop
+    xl_up, xl_down, xl = _spread(max(x_low, 0.0)), _spread(min(x_low, 0.0)), _spread(x_low_start - pad)
+    pad = _ROUNDING * (abs(x_high_start) + abs(x_high) * deepest) + slop
+    xh_up, xh_down, xh = _spread(max(x_high, 0.0)), _spread(min(x_high, 0.0)), _spread(x_high_start + pad)
+    pad = _ROUNDING * (abs(y_low_start) + abs(y_low) * deepest) + slop
+    yl_up, yl_down, yl = _spread(max(y_low, 0.0)), _spread(min(y_low, 0.0)), _spread(y_low_start - pad)
+    pad = _ROUNDING * (abs(y_high_start) + abs(y_high) * deepest) + slop
+    yh_up, yh_down, yh = _spread(max(y_high, 0.0)), _spread(min(y_high, 0.0)), _spread(y_high_start + pad)
+    nearest = _spread(first_depth - _ROUNDING * abs(first_depth))
+    farthest_depth = last_depth + _ROUNDING * abs(last_depth)
+    farthest = _spread(farthest_depth)
+    flip = _spread(sign)
+    x_row, y_row = 32 * kx, 32 * ky
+    near_row = 32 * kz + (NODE_HIGH if axis & 1 else 0)
+    far_row = 32 * kz + (0 if axis & 1 else NODE_HIGH)
+    size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
+    axes = (kx, ky, kz)
+    stack = stack_memory(_STACK_BYTES)
+    near = stack_memory(_NEAR_BYTES)
+    found = stack_memory(_FOUND_BYTES)
+    ended = _int64(0)
+    closest = _int64(1 if mode == CLOSEST else 0)
+    top = stack
+    word = _int64(_ROOT)
+    limit = to_bits(_float32(farthest_depth - first_depth) * _float32(1.000001))
+    while True:
+        while word >= 0:
+            node = base + word * (UNIT // 8)
+            enter = maximum(load(float32x8, node + near_row) * flip, nearest)
+            leave = minimum(load(float32x8, node + far_row) * flip, farthest)
+            least_x = multiply_add(xl_up, enter, multiply_add(xl_down, leave, xl))
+            most_x = multiply_add(xh_up, leave, multiply_add(xh_down, enter, xh))
+            least_y = multiply_add(yl_up, enter, multiply_add(yl_down, leave, yl))
+            most_y = multiply_add(yh_up, leave, multiply_add(yh_down, enter, yh))
+            inside = (enter <= leave) & (load(float32x8, node + x_row) <= most_x)
+            inside = inside & (load(float32x8, node + NODE_HIGH + x_row) >= least_x)
+            inside = inside & (load(float32x8, node + y_row) <= most_y)
+            inside = inside & (load(float32x8, node + NODE_HIGH + y_row) >= least_y)
+            hits = mask_to_bits(inside)
+            if hits == 0:
+                break
+            children = node + NODE_CHILDREN
+            if hits & (hits - 1) == 0:
+                word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
+                continue
+            store(near, enter - nearest)
+            top = _push_many(hits, near, children, top) - 8
+            word = _int64(_int32(load(_int64, top)))
+        if word < 0:
+            leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
+            n = (word & 7) + 1
+            row = n * size
+            ids = leaf + 9 * row
+            candidates = cut_leaf(leaf, n, size, axes, beam)
+            changed = _int64(0)
+            while candidates != 0:
+                k = count_trailing_zeros(candidates)
+                candidates &= candidates - 1
+                face = _int64(load(_int32, ids + 4 * k))
+                met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, found)
+                changed |= met
+                if mode == ANY:
+                    ended |= met
+                    active &= ~met
+                elif mode == SHADE and met != 0:
+                    material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
+                    dark = _dim(packet, met, material)
+                    ended |= dark
+                    active &= ~dark
+            if changed != 0:
+                if active == 0:
+                    return ended
+                if mode == CLOSEST:
+                    farthest_depth = min(farthest_depth, _deepest(packet, active, kz, frame_x) + slop + _WELL)
+                    farthest_depth += _ROUNDING * abs(farthest_depth)
+                    farthest = _spread(farthest_depth)
+                    limit = to_bits(max(_float32(farthest_depth - first_depth) * _float32(1.000001), _float32(0.0)))
+        while True:
+            if top == stack:
+                return ended
+            top -= 8
+            entry = load(_int64, top)
+            if (entry >> 32) <= limit:
+                break
+        word = _int64(_int32(entry))
+
+
+@inline
+def _dim(packet: int, lanes: int, material: int) -> int:
+    """Multiply the light of some rays by a material's kt; returns those left in the dark."""
+    red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
+    dark = _int64(0)
+    zero = splat(VECTOR, 0.0)
+    for i in range(VECTORS):
+        bits = (lanes >> (LANES * i)) & NIBBLE
+        if bits == 0:
+            continue
+        mask = mask_of(lanes, i)
+        at = packet + LIGHT + STEP * i
+        r = load(VECTOR, at) * splat(VECTOR, red)
+        g = load(VECTOR, at + ROW) * splat(VECTOR, green)
+        b = load(VECTOR, at + 2 * ROW) * splat(VECTOR, blue)
+        put(at, mask, r)
+        put(at + ROW, mask, g)
+        put(at + 2 * ROW, mask, b)
+        dark |= (bits & mask_to_bits((r <= zero) & (g <= zero) & (b <= zero))) << (LANES * i)
+    return dark
