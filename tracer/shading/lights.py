@@ -17,7 +17,7 @@ from tracer.types import (
     Vec3,
 )
 
-_BEFORE_LIGHT: Final = 1.0 - gamma(64)
+BEFORE_LIGHT: Final = 1.0 - gamma(64)
 
 
 class LightSight(NamedTuple):
@@ -61,4 +61,4 @@ def shadow_ray(lights: Any, kind: int, light: int, origin: Vec3) -> tuple[Vec3, 
     if kind == LIGHT_KIND_DIRECTIONAL:
         d = at(lights, N_LIGHT * light + LIGHT_DIRECTION)
         return Vec3(-d.x, -d.y, -d.z), math.inf
-    return subtract(at(lights, N_LIGHT * light + LIGHT_POSITION), origin), _BEFORE_LIGHT
+    return subtract(at(lights, N_LIGHT * light + LIGHT_POSITION), origin), BEFORE_LIGHT

@@ -33,7 +33,13 @@ _I64 = ir.IntType(64)
 
 @intrinsic
 def address_of(_typing: Any, array: Any) -> Any:
-    """Return the address of a C-contiguous array's first element, as int64."""
+    """Return the address of a C-contiguous array's first element, or that which a pointer holds, as int64."""
+    if isinstance(array, types.CPointer):
+
+        def convert(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+            return builder.ptrtoint(args[0], _I64)
+
+        return types.int64(array), convert
     if not isinstance(array, types.Array) or array.layout != "C":
         return None
 
