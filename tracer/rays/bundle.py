@@ -12,7 +12,7 @@ from tracer.accel.layout import FRAME_SCALE
 from tracer.jit import inline, kernel
 from tracer.rays.packet import trace_packet
 from tracer.rays.rows import AXIS, INTEGERS, LANES, NIBBLE, ORIGIN, ROW, SHEAR, STEP, VECTOR, VECTORS
-from tracer.simd import absolute, count_trailing_zeros, load, mask_to_bits, maximum, splat
+from tracer.simd import absolute, count_trailing_zeros, load, mask_to_bits, maximum, splat, stand_alone
 from tracer.simd.gateway import types
 
 _float64: Final = types.float64
@@ -48,6 +48,7 @@ def _companions(packet: int, lanes: int, first: int, near: float) -> int:
 @kernel
 def trace_bundle(base: int, packet: int, lanes: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
     """Follow any rays of a packet; parameters and result as :func:`tracer.rays.packet.trace_packet`."""
+    stand_alone()
     ended = _int64(0)
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
     while lanes != 0:

@@ -75,6 +75,7 @@ from tracer.simd import (
     reduce_min,
     select,
     splat,
+    stand_alone,
     stack_memory,
     store,
     to_bits,
@@ -196,6 +197,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     int64
         The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST.
     """
+    stand_alone()
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
         return _int64(0)
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))

@@ -44,6 +44,7 @@ from tracer.simd import (
     minimum,
     select,
     splat,
+    stand_alone,
     store,
     unlikely,
 )
@@ -162,6 +163,7 @@ def decide_lanes(place: int, size: int, row: int, ray: int, kx: int, ky: int, kz
     int64
         Bits of those met.
     """
+    stand_alone()
     met = _int64(0)
     c = stack_of_nine(place, size, row, kx, ky, kz)
     while unsure != 0:

@@ -13,6 +13,7 @@ from tracer.jit import inline
 from tracer.rays.predicate import shear_of
 from tracer.simd import (
     absolute,
+    all_lanes,
     float64x4,
     int64x4,
     load,
@@ -67,13 +68,19 @@ def mask_of(lanes: int, vector: int) -> Any:
 @inline
 def put(address: int, mask: Any, value: Any) -> None:
     """Write the chosen lanes of a vector of float64."""
-    store(address, select(mask, value, load(VECTOR, address)))
+    if all_lanes(mask):  # mostly; and a masked store costs ten plain ones on some CPUs
+        store(address, value)
+    else:
+        store(address, select(mask, value, load(VECTOR, address)))
 
 
 @inline
 def put_integers(address: int, mask: Any, value: Any) -> None:
     """Write the chosen lanes of a vector of int64."""
-    store(address, select(mask, value, load(INTEGERS, address)))
+    if all_lanes(mask):
+        store(address, value)
+    else:
+        store(address, select(mask, value, load(INTEGERS, address)))
 
 
 @inline

@@ -38,7 +38,7 @@ from tracer.rays.rows import (
     shear_lanes,
 )
 from tracer.sampling.hashing import pixel_key
-from tracer.sampling.sampler import sample_keyed
+from tracer.sampling.lanes import fill_samples
 from tracer.shading.rows import DEPTH, DIRECTION, FROM, HIT_ROWS, SAMPLE, THROUGHPUT
 from tracer.simd import address_of, iota, load, splat, stack_memory, store
 from tracer.simd.gateway import types
@@ -64,13 +64,16 @@ from tracer.types import (
 )
 
 _float64: Final = types.float64
+_int32: Final = types.int32
 _int64: Final = types.int64
 _SAMPLES: Final = COUNTERS.index("samples")
 _PRIMARY_RAYS: Final = COUNTERS.index("primary_rays")
 _PIXELS_SKIPPED: Final = COUNTERS.index("pixels_skipped_background")
 _BLOCK_PIXELS: Final = BLOCK_PX * BLOCK_PX
+_SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
 _HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
+_WORD_BYTES: Final = 4 * PACKET
 
 
 @inline
@@ -120,15 +123,23 @@ def _trace_camera_rays(
     settings = view.settings
     sampler, n_samples = settings[SETTING_SAMPLER], settings[SETTING_SAMPLES]
     places = stack_memory(_PLACE_BYTES)
+    keys = stack_memory(_WORD_BYTES)
+    indices = stack_memory(_WORD_BYTES)
     hits = scratch.hits
+    pixel, index = 3 * first_pixel, first
     for k in range(n):
-        i = 3 * (first_pixel + k // per_pixel)
-        u, v = sample_keyed(sampler, np.uint64(pixels[i + 2]), first + k % per_pixel, n_samples)
-        store(places + 8 * k, pixels[i] + u)
-        store(places + ROW + 8 * k, pixels[i + 1] + v)
-    for k in range(n, (n + 3) // 4 * 4):
-        store(places + 8 * k, load(_float64, places))
-        store(places + ROW + 8 * k, load(_float64, places + ROW))
+        store(keys + 4 * k, _int32(pixels[pixel + 2]))
+        store(indices + 4 * k, _int32(index))
+        store(places + 8 * k, _float64(pixels[pixel]))
+        store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
+        index += 1
+        if index == first + per_pixel:
+            pixel, index = pixel + 3, first
+    us, vs = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free until the rays are there
+    fill_samples(sampler, n_samples, n, keys, indices, us, vs)
+    for k in range(0, 8 * n, STEP):
+        store(places + k, load(VECTOR, places + k) + load(VECTOR, us + k))
+        store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, vs + k))
     fill_camera_rays(
         view.camera,
         settings[SETTING_CAMERA],
@@ -253,14 +264,15 @@ def _render(
             view.camera, kind, x0, y0, x0 + BLOCK_PX, y0 + BLOCK_PX, width, height, view.bvh_root
         )
         n_pixels = 0
+        empty = block_empty
         for code in range(_BLOCK_PIXELS):
             px, py = x0 + _even_bits(code), y0 + _even_bits(code >> 1)
+            if may_skip and not block_empty and code % _SQUARE == 0:  # the next 4 x 4 pixels
+                empty = misses_bounds(view.camera, kind, px, py, px + 4, py + 4, width, height, view.bvh_root)
             if px < crop_x or px >= crop_end_x or py < crop_y or py >= crop_end_y:
                 continue
             counters[_SAMPLES] += n_taken
-            if block_empty or (
-                may_skip and misses_bounds(view.camera, kind, px, py, px + 1, py + 1, width, height, view.bvh_root)
-            ):
+            if empty:
                 counters[_PIXELS_SKIPPED] += 1
                 for channel in range(3):
                     sums[block, 0, py - y0, px - x0, channel] = n_even * view.background[channel]

@@ -57,6 +57,7 @@ from tracer.simd import (
     power,
     select,
     splat,
+    stand_alone,
     sqrt,
     store,
 )
@@ -157,6 +158,7 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
     int64
         The hits that face the light and would reflect some of it.
     """
+    stand_alone()
     kind = view.light_kind[light]
     i = N_LIGHT * light
     zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
@@ -215,6 +217,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
     lanes
         The hits that get any.
     """
+    stand_alone()
     i = N_LIGHT * light
     zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
     diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))

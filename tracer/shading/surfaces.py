@@ -55,6 +55,7 @@ from tracer.simd import (
     mask_to_bits,
     select,
     splat,
+    stand_alone,
     sqrt,
     stack_memory,
     store,
@@ -165,6 +166,7 @@ def _put_material(view: SceneView, ambient: Any, at_lanes: int, mask: Any, mater
 @kernel
 def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face: int) -> int:
     """Fill in the rays that have met a triangle; returns those that came from behind."""
+    stand_alone()
     i0 = int64(view.face_vertices[3 * face])
     i1 = int64(view.face_vertices[3 * face + 1])
     i2 = int64(view.face_vertices[3 * face + 2])

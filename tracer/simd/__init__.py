@@ -30,6 +30,7 @@ from tracer.simd.arithmetic import (
     maximum,
     minimum,
     multiply_add,
+    shift_right_logical,
     splat,
     sqrt,
     to_bits,
@@ -65,6 +66,7 @@ from tracer.simd.memory import (
     load_as_float64,
     prefetch,
     stack_memory,
+    stand_alone,
     store,
 )
 from tracer.simd.types import (
@@ -130,6 +132,7 @@ __all__ = [
     "maximum",
     "minimum",
     "multiply_add",
+    "shift_right_logical",
     "permute",
     "population_count",
     "power",
@@ -144,6 +147,7 @@ __all__ = [
     "splat",
     "sqrt",
     "stack_memory",
+    "stand_alone",
     "store",
     "to_bits",
     "unlikely",

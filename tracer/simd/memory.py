@@ -173,3 +173,16 @@ def gather(_typing: Any, kind: Any, base: Any, index: Any, mask: Any) -> Any:
         return call_intrinsic(builder, name, llvm_type(target), [pointers, ir.Constant(INDEX, size), chosen, zero])
 
     return target(kind, types.int64, index, mask), generate
+
+
+@intrinsic
+def stand_alone(_typing: Any) -> Any:
+    """Keep LLVM from copying the function that this is called in into its callers.
+
+    For large functions: their registers and their place in a profile stay their own, and they are compiled once.
+    """
+
+    def generate(_context: Any, builder: Any, _sig: Any, _args: Any) -> Any:
+        builder.function.attributes.add("noinline")
+
+    return types.void(), generate
