@@ -32,9 +32,12 @@ from tracer.rays.packet_leaf import (
     BEAM_BYTES,
     BEAM_CENTRE,
     BEAM_FIRST,
+    BEAM_HALF,
     BEAM_LAST,
     BEAM_SCALE,
     BEAM_SIGN,
+    BEAM_SURE_FIRST,
+    BEAM_SURE_LAST,
     BEAM_X_SLOPE,
     BEAM_X_SPREAD,
     BEAM_X_START,
@@ -48,12 +51,14 @@ from tracer.rays.packet_leaf import (
 )
 from tracer.rays.rows import (
     AXIS,
+    INTEGERS,
     LANES,
     LIGHT,
     NIBBLE,
     ORIGIN,
     ROW,
     SHEAR,
+    SKIP,
     SPEED,
     STEP,
     T_BEST,
@@ -99,6 +104,15 @@ _END: Final = 0x7FFFFFFFFFFFFFFF
 _ROOT: Final = HEADER_BYTES // UNIT << 3
 _ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
 _THINNEST: Final = 2.0**-10  # depth over which the chords are drawn at least
+# what `_survey` leaves beside the beam, in frame units
+_BEGIN: Final = BEAM_BYTES  # depths: where the first ray begins, where the last
+_LAST_BEGIN: Final = _BEGIN + 8
+_END_DEPTH: Final = _BEGIN + 16  # where the last ray ends, where the first
+_FIRST_END: Final = _BEGIN + 24
+_REACH: Final = _BEGIN + 32  # greatest coordinate of an origin
+_LOW_X: Final = _BEGIN + 40  # least and greatest x at depth -half, then at half
+_LOW_Y: Final = _BEGIN + 72
+_BEAM_MEMORY: Final = _BEGIN + 104
 _WELL: Final = 2.0**-20  # depth by which a well-shaped triangle's t can be off
 
 
@@ -108,40 +122,80 @@ def _spread(value: float) -> Any:
 
 
 @inline
-def _extremes(packet: int, active: int, offset: int, kx: int, kz: int, frame: Any, depth: float) -> Any:
-    """Least and greatest x of the active rays at a depth, frame units."""
-    cx, cz, scale, sign = frame
-    low, high = splat(VECTOR, _INF), splat(VECTOR, -_INF)
-    s, middle_x, middle_z, d = splat(VECTOR, scale), splat(VECTOR, cx), splat(VECTOR, cz), splat(VECTOR, depth)
-    sense = splat(VECTOR, sign)
+def _survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: int) -> None:
+    """Bound the active rays: see the offsets `_LOW_X` and so on, from ``beam``."""
+    kx, ky, kz = axes
+    cx, cy, cz, scale, sign = frame
+    infinite = splat(VECTOR, _INF)
+    begin, last_begin, end, first_end = infinite, -infinite, -infinite, infinite
+    low_x, high_x, far_low_x, far_high_x = infinite, -infinite, infinite, -infinite
+    low_y, high_y, far_low_y, far_high_y = infinite, -infinite, infinite, -infinite
+    reach = splat(VECTOR, 0.0)
+    middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
+    s, sense, nearest = splat(VECTOR, scale), splat(VECTOR, sign), splat(VECTOR, -half)
+    across = splat(VECTOR, 2.0 * half)
     for i in range(VECTORS):
         if (active >> (LANES * i)) & NIBBLE == 0:
             continue
         mask = mask_of(active, i)
         at = packet + STEP * i
-        start = (load(VECTOR, at + ORIGIN + kz * ROW) - middle_z) * s * sense
+        z = (load(VECTOR, at + ORIGIN + kz * ROW) - middle_z) * s * sense
+        begin = minimum(begin, select(mask, z, begin))
+        last_begin = maximum(last_begin, select(mask, z, last_begin))
+        stop = z + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * s
+        end = maximum(end, select(mask, stop, end))
+        first_end = minimum(first_end, select(mask, stop, first_end))
+        back = nearest - z
+        far = absolute(z)
         x = (load(VECTOR, at + ORIGIN + kx * ROW) - middle_x) * s
-        x = x + load(VECTOR, at + SHEAR + offset) * sense * (d - start)
-        low = minimum(low, select(mask, x, low))
-        high = maximum(high, select(mask, x, high))
-    return reduce_min(low), reduce_max(high)
+        slope = load(VECTOR, at + SHEAR) * sense
+        far = maximum(far, absolute(x))
+        x = x + slope * back
+        low_x = minimum(low_x, select(mask, x, low_x))
+        high_x = maximum(high_x, select(mask, x, high_x))
+        x = x + slope * across
+        far_low_x = minimum(far_low_x, select(mask, x, far_low_x))
+        far_high_x = maximum(far_high_x, select(mask, x, far_high_x))
+        y = (load(VECTOR, at + ORIGIN + ky * ROW) - middle_y) * s
+        slope = load(VECTOR, at + SHEAR + ROW) * sense
+        far = maximum(far, absolute(y))
+        y = y + slope * back
+        low_y = minimum(low_y, select(mask, y, low_y))
+        high_y = maximum(high_y, select(mask, y, high_y))
+        y = y + slope * across
+        far_low_y = minimum(far_low_y, select(mask, y, far_low_y))
+        far_high_y = maximum(far_high_y, select(mask, y, far_high_y))
+        reach = maximum(reach, select(mask, far, reach))
+    store(beam + _BEGIN, reduce_min(begin))
+    store(beam + _LAST_BEGIN, reduce_max(last_begin))
+    store(beam + _END_DEPTH, reduce_max(end))
+    store(beam + _FIRST_END, reduce_min(first_end))
+    store(beam + _REACH, reduce_max(reach))
+    store(beam + _LOW_X, reduce_min(low_x))
+    store(beam + _LOW_X + 8, reduce_max(high_x))
+    store(beam + _LOW_X + 16, reduce_min(far_low_x))
+    store(beam + _LOW_X + 24, reduce_max(far_high_x))
+    store(beam + _LOW_Y, reduce_min(low_y))
+    store(beam + _LOW_Y + 8, reduce_max(high_y))
+    store(beam + _LOW_Y + 16, reduce_min(far_low_y))
+    store(beam + _LOW_Y + 24, reduce_max(far_high_y))
 
 
 @inline
-def _chords(packet: int, active: int, offset: int, kx: int, kz: int, frame: Any, first: float, last: float, slop: float) -> Any:
+def _chords(extremes: int, half: float, slop: float) -> Any:
     """Return (slope, start) of the lower and of the upper bounding line, padded for float64."""
-    low_0, high_0 = _extremes(packet, active, offset, kx, kz, frame, first)
-    low_1, high_1 = _extremes(packet, active, offset, kx, kz, frame, last)
-    inverse = 1.0 / (last - first)
+    low_0, high_0 = load(_float64, extremes), load(_float64, extremes + 8)
+    low_1, high_1 = load(_float64, extremes + 16), load(_float64, extremes + 24)
+    inverse = 0.5 / half
     low_slope, high_slope = (low_1 - low_0) * inverse, (high_1 - high_0) * inverse
     pad = slop + 2.0**-46 * (abs(low_0) + abs(low_1) + abs(high_0) + abs(high_1))
-    return low_slope, low_0 - low_slope * first - pad, high_slope, high_0 - high_slope * first + pad
+    return low_slope, 0.5 * (low_0 + low_1) - pad, high_slope, 0.5 * (high_0 + high_1) + pad
 
 
 @inline
 def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
     """Greatest depth at which an active ray can still find something, frame units."""
-    _cx, cz, scale, sign = frame
+    _cx, _cy, cz, scale, sign = frame
     last = splat(VECTOR, -_INF)
     middle, s = splat(VECTOR, cz), splat(VECTOR, scale * sign)
     speed = splat(VECTOR, scale)
@@ -153,6 +207,16 @@ def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
         end = end + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * speed
         last = maximum(last, select(mask_of(active, i), end, last))
     return float(reduce_max(last))
+
+
+@inline
+def _skips(packet: int, active: int, primitive: int) -> int:
+    """Return the active rays that skip a primitive."""
+    same = _int64(0)
+    wanted = splat(INTEGERS, primitive)
+    for i in range(VECTORS):
+        same |= mask_to_bits(load(INTEGERS, packet + SKIP + STEP * i) == wanted) << (LANES * i)
+    return same & active
 
 
 @inline
@@ -210,42 +274,31 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     cy = load(_float64, base + 8 * FRAME_CENTRE + 8 * ky)
     cz = load(_float64, base + 8 * FRAME_CENTRE + 8 * kz)
     half = load(_float64, base + 8 * FRAME_HALF + 8 * kz)
-    frame_x = (cx, cz, scale, sign)
-    frame_y = (cy, cz, scale, sign)
-    # how far the origins are, in frame units: what float64 does not resolve
-    reach = splat(VECTOR, 0.0)
-    begin = splat(VECTOR, _INF)
-    middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
-    sense = splat(VECTOR, sign)
-    for i in range(VECTORS):
-        if (active >> (LANES * i)) & NIBBLE == 0:
-            continue
-        at = packet + STEP * i
-        mask = mask_of(active, i)
-        x = load(VECTOR, at + ORIGIN + kx * ROW) - middle_x
-        y = load(VECTOR, at + ORIGIN + ky * ROW) - middle_y
-        z = load(VECTOR, at + ORIGIN + kz * ROW) - middle_z
-        far = maximum(absolute(x), maximum(absolute(y), absolute(z)))
-        reach = maximum(reach, select(mask, far, reach))
-        begin = minimum(begin, select(mask, z * sense, begin))
+    frame = (cx, cy, cz, scale, sign)
+    axes = (kx, ky, kz)
+    breadth = max(half, _THINNEST)
+    beam = stack_memory(_BEAM_MEMORY)
+    _survey(packet, active, axes, frame, breadth, beam)
+    # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
-    slop = 2.0**-46 * (1.0 + reduce_max(reach) * scale + centre)
-    first_depth = max(float(reduce_min(begin)) * scale, -half) - slop
-    last_depth = min(_deepest(packet, active, kz, frame_x) + _WELL, half) + slop
+    slop = 2.0**-46 * (1.0 + load(_float64, beam + _REACH) + centre)
+    first_depth = max(load(_float64, beam + _BEGIN), -half) - slop
+    last_depth = min(load(_float64, beam + _END_DEPTH) + _WELL, half) + slop
     if first_depth > last_depth:
         return _int64(0)
-    start = -half - slop
-    end = max(last_depth, start + _THINNEST)
-    x_low, x_low_start, x_high, x_high_start = _chords(packet, active, _int64(0), kx, kz, frame_x, start, end, slop)
-    y_low, y_low_start, y_high, y_high_start = _chords(packet, active, _int64(ROW), ky, kz, frame_y, start, end, slop)
-    beam = stack_memory(BEAM_BYTES)
+    x_low, x_low_start, x_high, x_high_start = _chords(beam + _LOW_X, breadth, slop)
+    y_low, y_low_start, y_high, y_high_start = _chords(beam + _LOW_Y, breadth, slop)
     store(beam + BEAM_CENTRE, cx)
     store(beam + BEAM_CENTRE + 8, cy)
     store(beam + BEAM_CENTRE + 16, cz)
     store(beam + BEAM_SCALE, scale)
     store(beam + BEAM_SIGN, sign)
-    store(beam + BEAM_FIRST, start)
-    store(beam + BEAM_LAST, end)
+    store(beam + BEAM_HALF, breadth)
+    store(beam + BEAM_FIRST, first_depth - slop)
+    store(beam + BEAM_LAST, last_depth + slop)
+    # what lies between these is met by all or by none
+    store(beam + BEAM_SURE_FIRST, load(_float64, beam + _LAST_BEGIN) + slop)
+    store(beam + BEAM_SURE_LAST, load(_float64, beam + _FIRST_END) - _WELL - slop)
     store(beam + BEAM_X_SLOPE, 0.5 * (x_low + x_high))
     store(beam + BEAM_X_START, 0.5 * (x_low_start + x_high_start))
     store(beam + BEAM_X_SPREAD, 0.5 * (x_high - x_low))
@@ -254,8 +307,10 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     store(beam + BEAM_Y_START, 0.5 * (y_low_start + y_high_start))
     store(beam + BEAM_Y_SPREAD, 0.5 * (y_high - y_low))
     store(beam + BEAM_Y_WIDTH, 0.5 * (y_high_start - y_low_start) + slop)
+    skip = load(_int64, packet + SKIP + 8 * count_trailing_zeros(active))
+    alike = _skips(packet, active, skip) == active
     # the lines in float32, each slope split by sign: the rising part counts at one end of a box, the falling at the other
-    deepest = max(abs(start), abs(end))
+    deepest = breadth + slop
     pad = _ROUNDING * (abs(x_low_start) + abs(x_low) * deepest) + slop
     xl_up, xl_down, xl = _spread(max(x_low, 0.0)), _spread(min(x_low, 0.0)), _spread(x_low_start - pad)
     pad = _ROUNDING * (abs(x_high_start) + abs(x_high) * deepest) + slop
@@ -272,7 +327,6 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     near_row = 32 * kz + (NODE_HIGH if axis & 1 else 0)
     far_row = 32 * kz + (0 if axis & 1 else NODE_HIGH)
     size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
-    axes = (kx, ky, kz)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     found = stack_memory(_FOUND_BYTES)
@@ -309,13 +363,18 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             n = (word & 7) + 1
             row = n * size
             ids = leaf + 9 * row
-            candidates = cut_leaf(leaf, n, size, axes, beam)
+            candidates, covers = cut_leaf(leaf, n, size, axes, beam)
             changed = _int64(0)
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
                 candidates &= candidates - 1
                 face = _int64(load(_int32, ids + 4 * k))
-                met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, found)
+                if alike and face >> ORDER_BITS == skip:  # all of them start on it
+                    continue
+                if mode != CLOSEST and alike and (covers >> k) & 1:
+                    met = active
+                else:
+                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, found)
                 changed |= met
                 if mode == ANY:
                     ended |= met
@@ -329,9 +388,10 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 if active == 0:
                     return ended
                 if mode == CLOSEST:
-                    farthest_depth = min(farthest_depth, _deepest(packet, active, kz, frame_x) + slop + _WELL)
+                    farthest_depth = min(farthest_depth, _deepest(packet, active, kz, frame) + slop + _WELL)
                     farthest_depth += _ROUNDING * abs(farthest_depth)
                     farthest = _spread(farthest_depth)
+                    store(beam + BEAM_LAST, farthest_depth)
                     limit = to_bits(max(_float32(farthest_depth - first_depth) * _float32(1.000001), _float32(0.0)))
         while True:
             if top == stack:

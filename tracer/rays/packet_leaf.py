@@ -59,17 +59,20 @@ _int64: Final = types.int64
 BEAM_CENTRE: Final = 0  # of the frame, in the order kx, ky, kz
 BEAM_SCALE: Final = 24
 BEAM_SIGN: Final = 32
-BEAM_FIRST: Final = 40  # depths between which the lines hold
-BEAM_LAST: Final = 48
-BEAM_X_SLOPE: Final = 56  # middle line x = slope depth + start, half width = spread depth + width
-BEAM_X_START: Final = 64
-BEAM_X_SPREAD: Final = 72
-BEAM_X_WIDTH: Final = 80
-BEAM_Y_SLOPE: Final = 88
-BEAM_Y_START: Final = 96
-BEAM_Y_SPREAD: Final = 104
-BEAM_Y_WIDTH: Final = 112
-BEAM_BYTES: Final = 128
+BEAM_HALF: Final = 40  # the lines hold for depths of at most this size
+BEAM_FIRST: Final = 48  # depths between which something can be found
+BEAM_LAST: Final = 56
+BEAM_SURE_FIRST: Final = 64  # depths between which all rays are on their way
+BEAM_SURE_LAST: Final = 72
+BEAM_X_SLOPE: Final = 80  # middle line x = slope depth + start, half width = spread depth + width
+BEAM_X_START: Final = 88
+BEAM_X_SPREAD: Final = 96
+BEAM_X_WIDTH: Final = 104
+BEAM_Y_SLOPE: Final = 112
+BEAM_Y_START: Final = 120
+BEAM_Y_SPREAD: Final = 128
+BEAM_Y_WIDTH: Final = 136
+BEAM_BYTES: Final = 144
 
 
 @inline
@@ -79,7 +82,7 @@ def _spread(address: int) -> Any:
 
 @inline
 def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
-    """Vertices in frame units relative to the middle line: (x, y, half widths in x and y, whether the lines hold)."""
+    """Vertices in frame units relative to the middle line: (x, y, half widths in x and y, depth)."""
     scale = _spread(beam + BEAM_SCALE)
     depth = (z - _spread(beam + BEAM_CENTRE + 16)) * scale * _spread(beam + BEAM_SIGN)
     x = (x - _spread(beam + BEAM_CENTRE)) * scale
@@ -88,27 +91,28 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
     y = y - (_spread(beam + BEAM_Y_SLOPE) * depth + _spread(beam + BEAM_Y_START))
     width = _spread(beam + BEAM_X_SPREAD) * depth + _spread(beam + BEAM_X_WIDTH)
     height = _spread(beam + BEAM_Y_SPREAD) * depth + _spread(beam + BEAM_Y_WIDTH)
-    known = (depth >= _spread(beam + BEAM_FIRST)) & (depth <= _spread(beam + BEAM_LAST))
-    return x, y, width, height, known
+    return x, y, width, height, depth
 
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet."""
+    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all of them meet."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
-    ax, ay, aw, ah, a_known = _from_beam(
+    ax, ay, aw, ah, az = _from_beam(
         beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
-    bx, by, bw, bh, b_known = _from_beam(
+    bx, by, bw, bh, bz = _from_beam(
         beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
-    cx, cy, cw, ch, c_known = _from_beam(
+    cx, cy, cw, ch, cz = _from_beam(
         beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
     )
-    known = a_known & b_known & c_known
+    nearest, farthest = minimum(az, minimum(bz, cz)), maximum(az, maximum(bz, cz))
+    half = _spread(beam + BEAM_HALF)
+    known = (nearest >= -half) & (farthest <= half)
     w = maximum(aw, maximum(bw, cw))
     h = maximum(ah, maximum(bh, ch))
     # all vertices on one side of the beam
@@ -125,22 +129,33 @@ def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, bea
     negative = (u < -u_off) | (v < -v_off) | (s < -s_off)
     positive = (u > u_off) | (v > v_off) | (s > s_off)
     out = (out | (negative & positive)) & known
-    return mask_to_bits(~out)
+    out = out | (farthest < _spread(beam + BEAM_FIRST)) | (nearest > _spread(beam + BEAM_LAST))
+    inside = ((u > u_off) & (v > v_off) & (s > s_off)) | ((u < -u_off) & (v < -v_off) & (s < -s_off))
+    inside = inside & known & (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
+    return mask_to_bits(~out), mask_to_bits(inside)
 
 
 @inline
-def cut_leaf(leaf: int, n: int, size: int, axes: Any, beam: int) -> int:
-    """Return the bits of a leaf's triangles that some ray of the beam may meet."""
+def cut_leaf(leaf: int, n: int, size: int, axes: Any, beam: int) -> Any:
+    """Sort a leaf's triangles by what the beam tells.
+
+    Returns
+    -------
+    tuple of int64
+        Bits of those that some ray may meet, and of those that all rays meet on their way for certain.
+    """
     kx, ky, kz = axes
     row = n * size
-    bits = _int64(0)
+    bits, inside = _int64(0), _int64(0)
     for first in range(0, n, LANES):
         place = leaf + first * size
         if size == 8:
-            bits |= _cut_by_beam(_float64, place, row, kx, ky, kz, beam) << first
+            some, every = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
         else:
-            bits |= _cut_by_beam(_float32, place, row, kx, ky, kz, beam) << first
-    return bits & ((_int64(1) << n) - 1)
+            some, every = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
+        bits |= some << first
+        inside |= every << first
+    return bits & ((_int64(1) << n) - 1), inside
 
 
 @kernel
