@@ -193,7 +193,9 @@ class CompiledScene(NamedTuple):
     light_kind: NDArray[np.int32]  # (n_lights,) LIGHT_KIND_*
 
     tree: NDArray[np.int64]  # (n,) the triangles' wide tree, as tracer.accel.layout says
-    bvh_bounds: NDArray[np.float64]  # of the finite shapes: (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the
+    bvh_bounds: NDArray[
+        np.float64
+    ]  # of the finite shapes: (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the
     #                                    root is node 0
     bvh_children: NDArray[np.int32]  # (n_nodes, 4) per child (index, count): count 0: node `index`; count > 0: leaf of
     #                                    slots index .. index + count; count -1: nothing there

@@ -17,24 +17,12 @@ Semantics where the report leaves a choice:
 Source: [farmer2019 eq. 9-18].
 """
 
-import math
 from typing import Final
 
 from tracer.accel.traverse import closest_shape, shade_by_shapes
-from tracer.geometry.vector import add, at, is_black, largest, multiply, negate, scale
-from tracer.integrators.scratch import (
-    PENDING_BYTES,
-    PENDING_DEPTH,
-    PENDING_DIRECTION,
-    PENDING_FROM,
-    PENDING_SAMPLE,
-    PENDING_SKIP,
-    PENDING_THROUGHPUT,
-    REFLECTED,
-    TRANSMITTED,
-    WAVE,
-    Scratch,
-)
+from tracer.geometry.vector import add, at, is_black, multiply, scale
+from tracer.integrators.bounces import make_bounces, take_bounces
+from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import CLOSEST, SHADE
@@ -47,58 +35,30 @@ from tracer.rays.rows import (
     ORIGIN,
     PACKET,
     PRIMITIVE,
+    ROW,
     SKIP,
     STEP,
     T_BEST,
     VECTOR,
     VECTORS,
-    set_ray,
+    mask_of,
+    put,
 )
-from tracer.rays.spawn import offset_origin
 from tracer.shading.direct import add_light, face_light
 from tracer.shading.lights import shadow_ray
-from tracer.shading.phong import (
-    attenuation,
-    attenuation_bound,
-    reflect_direction,
-    refract_direction,
-    weigh_reflected,
-    weigh_transmitted,
-)
-from tracer.shading.rows import (
-    COLOR,
-    DEPTH,
-    DIRECTION,
-    ERROR,
-    FROM,
-    GEOMETRIC,
-    MATERIAL,
-    NORMAL,
-    POSITION,
-    SAMPLE,
-    START,
-    THROUGHPUT,
-    lane_at,
-    put_lane,
-)
+from tracer.shading.phong import attenuation
+from tracer.shading.rows import COLOR, DIRECTION, FROM, SAMPLE, THROUGHPUT, lane_at, put_lane, put_vector, spread
 from tracer.shading.surfaces import fill_surfaces
 from tracer.simd import count_trailing_zeros, load, mask_to_bits, population_count, splat, store
 from tracer.simd.gateway import types
 from tracer.types import (
     COUNTERS,
-    FLAG_TWO_SIDED,
     LIGHT_AMBIENT,
-    LIMIT_MIN_THROUGHPUT,
     MATERIAL_A,
     MATERIAL_B,
     MATERIAL_C,
-    MATERIAL_ETA,
-    MATERIAL_KR,
-    MATERIAL_KT,
     N_LIGHT,
     N_MATERIAL,
-    N_MATERIAL_FLAGS,
-    SETTING_MAX_DEPTH,
     SETTING_SHADOWS,
     SceneView,
     Vec3,
@@ -108,10 +68,6 @@ _float64: Final = types.float64
 _int64: Final = types.int64
 
 _SHADOW_RAYS: Final = COUNTERS.index("shadow_rays")
-_REFLECTION_RAYS: Final = COUNTERS.index("reflection_rays")
-_TRANSMISSION_RAYS: Final = COUNTERS.index("transmission_rays")
-_SKIPPED_DEPTH: Final = COUNTERS.index("bounces_skipped_depth")
-_SKIPPED_THROUGHPUT: Final = COUNTERS.index("bounces_skipped_throughput")
 
 
 @inline
@@ -121,16 +77,6 @@ def total_ambient(view: SceneView) -> Vec3:
     for light in range(view.n_lights):
         total = add(total, at(view.lights, N_LIGHT * light + LIGHT_AMBIENT))
     return total
-
-
-@inline
-def _add_radiance(scratch: Scratch, lane: int, color: Vec3) -> None:
-    """Add a ray's colour, weighted by its throughput, to its sample."""
-    weighted = multiply(lane_at(scratch.hits + THROUGHPUT + 8 * lane), color)
-    place = scratch.radiance + 8 * load(_int64, scratch.hits + SAMPLE + 8 * lane)
-    store(place, load(_float64, place) + weighted.x)
-    store(place + 8 * WAVE, load(_float64, place + 8 * WAVE) + weighted.y)
-    store(place + 16 * WAVE, load(_float64, place + 16 * WAVE) + weighted.z)
 
 
 @kernel
@@ -207,76 +153,50 @@ def _light_hits(view: SceneView, scratch: Scratch, lanes: int) -> None:
 
 
 @inline
-def _push(
-    view: SceneView, scratch: Scratch, which: int, lane: int, d: Vec3, weight: Vec3, depth: int, counter: int
-) -> None:
-    """Put a bounce on a stack, unless it is too deep or too weak."""
-    hit = scratch.hits + 8 * lane
-    material = load(_int64, hit + MATERIAL)
-    if depth > view.settings[SETTING_MAX_DEPTH]:
-        scratch.counters[_SKIPPED_DEPTH] += 1
-        return
-    bound = attenuation_bound(view.materials[N_MATERIAL * material + MATERIAL_A])
-    if largest(weight) * bound < view.limits[LIMIT_MIN_THROUGHPUT]:
-        scratch.counters[_SKIPPED_THROUGHPUT] += 1
-        return
-    scratch.counters[counter] += 1
-    o = offset_origin(lane_at(hit + POSITION), lane_at(hit + ERROR), lane_at(hit + GEOMETRIC), d)
-    height = load(_int64, scratch.heights + 8 * which)
-    place = scratch.pending + which * scratch.pending_step + height * PENDING_BYTES
-    store(place, o.x)
-    store(place + 8, o.y)
-    store(place + 16, o.z)
-    store(place + PENDING_DIRECTION, d.x)
-    store(place + PENDING_DIRECTION + 8, d.y)
-    store(place + PENDING_DIRECTION + 16, d.z)
-    store(place + PENDING_THROUGHPUT, weight.x)
-    store(place + PENDING_THROUGHPUT + 8, weight.y)
-    store(place + PENDING_THROUGHPUT + 16, weight.z)
-    store(place + PENDING_SAMPLE, load(_int64, hit + SAMPLE))
-    store(place + PENDING_DEPTH, _int64(depth))
-    store(place + PENDING_FROM, material)
-    store(place + PENDING_SKIP, load(_int64, hit + START))
-    store(scratch.heights + 8 * which, height + 1)
+def _attenuate_throughput(view: SceneView, scratch: Scratch, lanes: int) -> None:
+    """Weaken bounces by the way that they went, which is known only now [farmer2019 eq. 14, 15]."""
+    none = splat(INTEGERS, _int64(0))
+    for k in range(VECTORS):
+        bits = (lanes >> (LANES * k)) & NIBBLE
+        bits &= mask_to_bits(load(INTEGERS, scratch.hits + FROM + STEP * k) >= none)
+        while bits != 0:
+            ray = scratch.hits + STEP * k + 8 * count_trailing_zeros(bits)
+            bits &= bits - 1
+            i = N_MATERIAL * load(_int64, ray + FROM)
+            share = attenuation(
+                view.materials[i + MATERIAL_A],
+                view.materials[i + MATERIAL_B],
+                view.materials[i + MATERIAL_C],
+                load(_float64, ray + T_BEST),
+            )
+            put_lane(ray + THROUGHPUT, scale(lane_at(ray + THROUGHPUT), share))
 
 
-@kernel
-def _bounce(view: SceneView, scratch: Scratch, lanes: int, behind_lanes: int) -> None:
-    """Send on what mirrors and lets through [farmer2019 eq. 14, 15, 17, 18]."""
+@inline
+def _collect(scratch: Scratch, lanes: int, start: int) -> None:
+    """Add COLOR, weighted by the throughput, to the rays' samples."""
+    if start >= 0:  # camera rays: each has a sample of its own, side by side
+        for k in range(VECTORS):
+            if (lanes >> (LANES * k)) & NIBBLE != 0:
+                mask = mask_of(lanes, k)
+                ray = scratch.hits + COLOR + STEP * k
+                place = scratch.radiance + 8 * start + STEP * k
+                for channel in range(3):
+                    put(place + 8 * WAVE * channel, mask, load(VECTOR, ray + channel * ROW))
+        return
     while lanes != 0:
         lane = count_trailing_zeros(lanes)
         lanes &= lanes - 1
-        hit = scratch.hits + 8 * lane
-        material = load(_int64, hit + MATERIAL)
-        i = N_MATERIAL * material
-        kr = at(view.materials, i + MATERIAL_KR)
-        kt = at(view.materials, i + MATERIAL_KT)
-        if is_black(kr) and is_black(kt):
-            continue
-        d = lane_at(hit + DIRECTION)
-        n = lane_at(hit + NORMAL)
-        throughput = lane_at(hit + THROUGHPUT)
-        depth = load(_int64, hit + DEPTH) + 1
-        mirrored = kr
-        if not is_black(kt):
-            behind = (behind_lanes >> lane) & 1 != 0
-            turned = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
-            facing = negate(n) if behind and not turned else n
-            eta = view.materials[i + MATERIAL_ETA]
-            through, u_t = refract_direction(d, facing, eta if behind else 1.0 / eta)
-            if through:
-                weight = weigh_transmitted(kt, throughput, 1.0)
-                _push(view, scratch, int64(TRANSMITTED), lane, u_t, weight, depth, int64(_TRANSMISSION_RAYS))
-            else:
-                mirrored = add(kr, kt)
-        if not is_black(mirrored):
-            weight = weigh_reflected(mirrored, throughput, 1.0)
-            u_r = reflect_direction(d, n)
-            _push(view, scratch, int64(REFLECTED), lane, u_r, weight, depth, int64(_REFLECTION_RAYS))
+        ray = scratch.hits + 8 * lane
+        weighted = multiply(lane_at(ray + THROUGHPUT), lane_at(ray + COLOR))
+        place = scratch.radiance + 8 * load(_int64, ray + SAMPLE)
+        store(place, load(_float64, place) + weighted.x)
+        store(place + 8 * WAVE, load(_float64, place + 8 * WAVE) + weighted.y)
+        store(place + 16 * WAVE, load(_float64, place + 16 * WAVE) + weighted.z)
 
 
 @kernel
-def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int) -> None:
+def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int, start: int) -> None:
     """Find the colour I of rays [farmer2019 eq. 9], and add it to their samples; bounces are put on the stacks.
 
     Parameters
@@ -290,92 +210,31 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int)
         T_BEST infinite and PRIMITIVE -1.
     lanes
         The rays.
+    start
+        For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``. For bounces -1.
     """
     met = _find_hits(view, scratch, lanes)
-    # the distance travelled is known only now
-    left = lanes
-    while left != 0:
-        lane = count_trailing_zeros(left)
-        left &= left - 1
-        ray = scratch.hits + 8 * lane
-        material = load(_int64, ray + FROM)
-        if material < 0:
-            break  # camera rays: all of them
-        i = N_MATERIAL * material
-        share = attenuation(
-            view.materials[i + MATERIAL_A],
-            view.materials[i + MATERIAL_B],
-            view.materials[i + MATERIAL_C],
-            load(_float64, ray + T_BEST),
-        )
-        put_lane(ray + THROUGHPUT, scale(lane_at(ray + THROUGHPUT), share))
+    if start < 0:
+        _attenuate_throughput(view, scratch, lanes)
     missed = lanes & ~met
-    while missed != 0:
-        lane = count_trailing_zeros(missed)
-        missed &= missed - 1
-        _add_radiance(scratch, lane, at(view.background, 0))
-    if met == 0:
-        return
-    behind = fill_surfaces(view, ambient, scratch.hits, met)
-    _light_hits(view, scratch, met)
-    left = met
-    while left != 0:
-        lane = count_trailing_zeros(left)
-        left &= left - 1
-        _add_radiance(scratch, lane, lane_at(scratch.hits + COLOR + 8 * lane))
-    _bounce(view, scratch, met, behind)
-
-
-@inline
-def _top_depth(scratch: Scratch, which: int) -> int:
-    """Depth of a stack's topmost bounce, -1 when it is empty."""
-    height = load(_int64, scratch.heights + 8 * which)
-    if height == 0:
-        return _int64(-1)
-    place = scratch.pending + which * scratch.pending_step + height * PENDING_BYTES - PENDING_BYTES
-    return load(_int64, place + PENDING_DEPTH)
-
-
-@inline
-def _take_bounces(scratch: Scratch, which: int, depth: int) -> int:
-    """Take up to 64 bounces of a depth off a stack and make them rays; returns how many."""
-    height = load(_int64, scratch.heights + 8 * which)
-    n = _int64(0)
-    while n < PACKET and height > 0:
-        place = scratch.pending + which * scratch.pending_step + (height - 1) * PENDING_BYTES
-        if load(_int64, place + PENDING_DEPTH) != depth:
-            break
-        ray = scratch.hits + 8 * n
-        dx = load(_float64, place + PENDING_DIRECTION)
-        dy = load(_float64, place + PENDING_DIRECTION + 8)
-        dz = load(_float64, place + PENDING_DIRECTION + 16)
-        put_lane(ray + ORIGIN, Vec3(load(_float64, place), load(_float64, place + 8), load(_float64, place + 16)))
-        put_lane(ray + DIRECTION, Vec3(dx, dy, dz))
-        set_ray(scratch.hits, n, dx, dy, dz)
-        weight = place + PENDING_THROUGHPUT
-        put_lane(
-            ray + THROUGHPUT, Vec3(load(_float64, weight), load(_float64, weight + 8), load(_float64, weight + 16))
-        )
-        store(ray + SAMPLE, load(_int64, place + PENDING_SAMPLE))
-        store(ray + DEPTH, depth)
-        store(ray + FROM, load(_int64, place + PENDING_FROM))
-        store(ray + SKIP, load(_int64, place + PENDING_SKIP))
-        store(ray + T_BEST, math.inf)
-        store(ray + PRIMITIVE, _int64(-1))
-        height -= 1
-        n += 1
-    store(scratch.heights + 8 * which, height)
-    return n
+    if missed != 0:
+        background = spread(at(view.background, 0))
+        for k in range(VECTORS):
+            put_vector(scratch.hits + COLOR + STEP * k, mask_of(missed, k), background)
+    behind = _int64(0)
+    if met != 0:
+        behind = fill_surfaces(view, ambient, scratch.hits, met)
+        _light_hits(view, scratch, met)
+    _collect(scratch, lanes, start)
+    if met != 0:
+        make_bounces(view, scratch, met, behind)
 
 
 @kernel
 def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
     """Trace all bounces that wait, and theirs; parameters as `trace_radiance`."""
     while True:
-        mirrored, transmitted = _top_depth(scratch, int64(REFLECTED)), _top_depth(scratch, int64(TRANSMITTED))
-        depth = max(mirrored, transmitted)
-        if depth < 0:
+        n = take_bounces(view, scratch)
+        if n == 0:
             return
-        n = _take_bounces(scratch, int64(REFLECTED) if mirrored == depth else int64(TRANSMITTED), depth)
-        lanes = int64(ALL) if n == PACKET else (int64(1) << n) - 1
-        trace_radiance(view, ambient, scratch, lanes)
+        trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1))

@@ -14,16 +14,16 @@ from tracer.rays.rows import PACKET, RAY_ROWS, ROW
 from tracer.shading.rows import HIT_ROWS
 
 WAVE: Final = 1024  # samples that are under way together
-COLUMNS: Final = 14  # of a bounce that waits: origin, direction, throughput, sample, depth, material, skip; one to spare
-PENDING_BYTES: Final = 8 * COLUMNS
-PENDING_DIRECTION: Final = 24
-PENDING_THROUGHPUT: Final = 48
-PENDING_SAMPLE: Final = 72
-PENDING_DEPTH: Final = 80
-PENDING_FROM: Final = 88
-PENDING_SKIP: Final = 96
 REFLECTED: Final = 0  # which of the two stacks of bounces
 TRANSMITTED: Final = 1
+# Rows of a stack: what is known of each bounce that waits.
+PENDING_ORIGIN: Final = 0
+PENDING_DIRECTION: Final = 3
+PENDING_THROUGHPUT: Final = 6
+PENDING_SAMPLE: Final = 9  # int64, as are the next two
+PENDING_FROM: Final = 10
+PENDING_SKIP: Final = 11
+PENDING_ROWS: Final = 12
 
 
 class Scratch(NamedTuple):
@@ -32,9 +32,10 @@ class Scratch(NamedTuple):
     hits: int  # HIT_ROWS rows: rays and what they have met
     shadows: int  # RAY_ROWS rows: shadow rays
     radiance: int  # float64 (3, WAVE): RGB of the samples under way
-    pending: int  # float64 (2, capacity, COLUMNS): bounces to trace, two stacks
-    pending_step: int  # bytes from one stack to the other
-    heights: int  # int64 (2,): bounces on each
+    pending: int  # float64 (2, PENDING_ROWS, capacity): bounces to trace, two stacks
+    pending_row: int  # bytes from row to row
+    heights: int  # int64 (2, max_depth + 2): bounces on each stack, by depth; column 0 counts them all
+    heights_row: int  # bytes from one stack's to the other's
     tree: int  # the triangles' tree
     kt: int  # of the first material
     face_material: int
@@ -52,4 +53,5 @@ def capacity(max_depth: int) -> int:
 def allocate(max_depth: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Allocate all of it: float64 and int64. Rows start on a cache line."""
     rows = (HIT_ROWS + RAY_ROWS) * ROW // 8
-    return np.zeros(8 + rows + 3 * WAVE + 2 * COLUMNS * capacity(max_depth)), np.zeros(2 + MAX_DEPTH + 4, np.int64)
+    n = 8 + rows + 3 * WAVE + 2 * PENDING_ROWS * capacity(max_depth)
+    return np.zeros(n), np.zeros(2 * (max_depth + 2) + MAX_DEPTH + 4, np.int64)

@@ -80,8 +80,8 @@ from tracer.simd import (
     reduce_min,
     select,
     splat,
-    stand_alone,
     stack_memory,
+    stand_alone,
     store,
     to_bits,
 )
@@ -122,6 +122,11 @@ def _spread(value: float) -> Any:
 
 
 @inline
+def _spread64(address: int) -> Any:
+    return splat(VECTOR, load(_float64, address))
+
+
+@inline
 def _survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: int) -> None:
     """Bound the active rays: see the offsets `_LOW_X` and so on, from ``beam``."""
     kx, ky, kz = axes
@@ -134,38 +139,37 @@ def _survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: 
     middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
     s, sense, nearest = splat(VECTOR, scale), splat(VECTOR, sign), splat(VECTOR, -half)
     across = splat(VECTOR, 2.0 * half)
+    some = packet + 8 * count_trailing_zeros(active)  # what lanes that are not active count as
     for i in range(VECTORS):
-        if (active >> (LANES * i)) & NIBBLE == 0:
+        bits = (active >> (LANES * i)) & NIBBLE
+        if bits == 0:
             continue
-        mask = mask_of(active, i)
         at = packet + STEP * i
-        z = (load(VECTOR, at + ORIGIN + kz * ROW) - middle_z) * s * sense
-        begin = minimum(begin, select(mask, z, begin))
-        last_begin = maximum(last_begin, select(mask, z, last_begin))
-        stop = z + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * s
-        end = maximum(end, select(mask, stop, end))
-        first_end = minimum(first_end, select(mask, stop, first_end))
+        x, y = load(VECTOR, at + ORIGIN + kx * ROW), load(VECTOR, at + ORIGIN + ky * ROW)
+        z = load(VECTOR, at + ORIGIN + kz * ROW)
+        slope_x, slope_y = load(VECTOR, at + SHEAR), load(VECTOR, at + SHEAR + ROW)
+        way = load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED)
+        if bits != NIBBLE:
+            mask = mask_of(active, i)
+            x = select(mask, x, _spread64(some + ORIGIN + kx * ROW))
+            y = select(mask, y, _spread64(some + ORIGIN + ky * ROW))
+            z = select(mask, z, _spread64(some + ORIGIN + kz * ROW))
+            slope_x = select(mask, slope_x, _spread64(some + SHEAR))
+            slope_y = select(mask, slope_y, _spread64(some + SHEAR + ROW))
+            way = select(mask, way, _spread64(some + T_BEST) * _spread64(some + SPEED))
+        x, y, z = (x - middle_x) * s, (y - middle_y) * s, (z - middle_z) * s
+        reach = maximum(reach, maximum(absolute(x), maximum(absolute(y), absolute(z))))
+        z = z * sense
+        begin, last_begin = minimum(begin, z), maximum(last_begin, z)
+        stop = z + way * s
+        end, first_end = maximum(end, stop), minimum(first_end, stop)
         back = nearest - z
-        far = absolute(z)
-        x = (load(VECTOR, at + ORIGIN + kx * ROW) - middle_x) * s
-        slope = load(VECTOR, at + SHEAR) * sense
-        far = maximum(far, absolute(x))
-        x = x + slope * back
-        low_x = minimum(low_x, select(mask, x, low_x))
-        high_x = maximum(high_x, select(mask, x, high_x))
-        x = x + slope * across
-        far_low_x = minimum(far_low_x, select(mask, x, far_low_x))
-        far_high_x = maximum(far_high_x, select(mask, x, far_high_x))
-        y = (load(VECTOR, at + ORIGIN + ky * ROW) - middle_y) * s
-        slope = load(VECTOR, at + SHEAR + ROW) * sense
-        far = maximum(far, absolute(y))
-        y = y + slope * back
-        low_y = minimum(low_y, select(mask, y, low_y))
-        high_y = maximum(high_y, select(mask, y, high_y))
-        y = y + slope * across
-        far_low_y = minimum(far_low_y, select(mask, y, far_low_y))
-        far_high_y = maximum(far_high_y, select(mask, y, far_high_y))
-        reach = maximum(reach, select(mask, far, reach))
+        slope_x, slope_y = slope_x * sense, slope_y * sense
+        x, y = x + slope_x * back, y + slope_y * back
+        low_x, high_x, low_y, high_y = minimum(low_x, x), maximum(high_x, x), minimum(low_y, y), maximum(high_y, y)
+        x, y = x + slope_x * across, y + slope_y * across
+        far_low_x, far_high_x = minimum(far_low_x, x), maximum(far_high_x, x)
+        far_low_y, far_high_y = minimum(far_low_y, y), maximum(far_high_y, y)
     store(beam + _BEGIN, reduce_min(begin))
     store(beam + _LAST_BEGIN, reduce_max(last_begin))
     store(beam + _END_DEPTH, reduce_max(end))
@@ -309,7 +313,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     store(beam + BEAM_Y_WIDTH, 0.5 * (y_high_start - y_low_start) + slop)
     skip = load(_int64, packet + SKIP + 8 * count_trailing_zeros(active))
     alike = _skips(packet, active, skip) == active
-    # the lines in float32, each slope split by sign: the rising part counts at one end of a box, the falling at the other
+    # the lines in float32, each slope split by sign: rising part counts at one end of a box, falling at the other
     deepest = breadth + slop
     pad = _ROUNDING * (abs(x_low_start) + abs(x_low) * deepest) + slop
     xl_up, xl_down, xl = _spread(max(x_low, 0.0)), _spread(min(x_low, 0.0)), _spread(x_low_start - pad)
@@ -374,7 +378,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 if mode != CLOSEST and alike and (covers >> k) & 1:
                     met = active
                 else:
-                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, found)
+                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, alike, found)
                 changed |= met
                 if mode == ANY:
                     ended |= met

@@ -35,14 +35,12 @@ from tracer.rays.rows import (
 )
 from tracer.simd import (
     absolute,
-    any_lane,
     count_trailing_zeros,
     load,
     load_as_float64,
     mask_to_bits,
     maximum,
     minimum,
-    select,
     splat,
     stand_alone,
     store,
@@ -96,19 +94,28 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all of them meet."""
+    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all rays meet."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
     ax, ay, aw, ah, az = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
     bx, by, bw, bh, bz = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
     cx, cy, cw, ch, cz = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     nearest, farthest = minimum(az, minimum(bz, cz)), maximum(az, maximum(bz, cz))
     half = _spread(beam + BEAM_HALF)
@@ -122,10 +129,11 @@ def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, bea
     u = cx * by - cy * bx
     v = ax * cy - ay * cx
     s = bx * ay - by * ax
-    xs, ys, zs = absolute(ax) + absolute(ay), absolute(bx) + absolute(by), absolute(cx) + absolute(cy)
-    widest = maximum(w, h)
-    both = (widest + widest) * splat(VECTOR, 1.0001)
-    u_off, v_off, s_off = (ys + zs + both) * widest, (zs + xs + both) * widest, (xs + ys + both) * widest
+    xa, ya, xb, yb, xc, yc = absolute(ax), absolute(ay), absolute(bx), absolute(by), absolute(cx), absolute(cy)
+    both = (w * h) * splat(VECTOR, 2.0001)
+    u_off = ((yb + yc) * w + (xb + xc) * h) * splat(VECTOR, 1.0001) + both
+    v_off = ((yc + ya) * w + (xc + xa) * h) * splat(VECTOR, 1.0001) + both
+    s_off = ((ya + yb) * w + (xa + xb) * h) * splat(VECTOR, 1.0001) + both
     negative = (u < -u_off) | (v < -v_off) | (s < -s_off)
     positive = (u > u_off) | (v > v_off) | (s > s_off)
     out = (out | (negative & positive)) & known
@@ -235,7 +243,16 @@ def stack_of_nine(place: int, size: int, row: int, kx: int, ky: int, kz: int) ->
 
 @inline
 def meet_triangle(
-    place: int, size: int, row: int, word: int, packet: int, active: int, axes: Any, closest: int, found: int
+    place: int,
+    size: int,
+    row: int,
+    word: int,
+    packet: int,
+    active: int,
+    axes: Any,
+    closest: int,
+    alike: bool,
+    found: int,
 ) -> int:
     """Test a triangle against the active rays.
 
@@ -251,6 +268,8 @@ def meet_triangle(
         (kx, ky, kz).
     closest
         1: keep hits in the packet where they are nearer, or as near with a lower id. 0: only tell.
+    alike
+        True: no ray skips this triangle. False: look at SKIP.
     found
         Address of scratch for 4 vectors.
 
@@ -302,8 +321,8 @@ def meet_triangle(
         most = maximum(ta, maximum(tb, tc))
         t_best = load(VECTOR, ray + T_BEST)
         lanes &= mask_to_bits((most > zero) & (least <= t_best))
-        skips = load(INTEGERS, ray + SKIP) == splat(INTEGERS, primitive)
-        lanes &= ~mask_to_bits(skips)
+        if not alike:
+            lanes &= ~mask_to_bits(load(INTEGERS, ray + SKIP) == splat(INTEGERS, primitive))
         if lanes == 0:
             continue
         t = ((u * ta + v * tb) + w * tc) / total

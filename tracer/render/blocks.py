@@ -8,7 +8,7 @@ Invariants: a pixel's sums depend on the scene, the block and the sample range a
 call, their order, or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once.
 The cancel flag is read before every wave, so a cancel is seen within a few milliseconds.
 
-Source: Neumaier 1974 (summation); Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
+Sources: Neumaier 1974, Knuth (summation); Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
 """
 
 from typing import Any, Final
@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.accel.view import view_scene
-from tracer.geometry.vector import at
 from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
-from tracer.integrators.scratch import COLUMNS, WAVE, Scratch, allocate, capacity
+from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera_lanes import fill_camera_rays
 from tracer.rays.frustum import misses_bounds
 from tracer.rays.rows import (
     ALL,
     INTEGERS,
+    LANES,
     ORIGIN,
     PACKET,
     PRIMITIVE,
@@ -74,6 +74,7 @@ _SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
 _HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
 _WORD_BYTES: Final = 4 * PACKET
+_SUM_BYTES: Final = 2 * STEP
 
 
 @inline
@@ -85,6 +86,34 @@ def add_compensated(total: float, rest: float, value: float) -> tuple[float, flo
     else:
         rest += (value - new) + total
     return new, rest
+
+
+@inline
+def _add_up(values: int, n: int, parity: int, sums: Any, place: int) -> None:
+    """Add samples of a pixel and channel to its sums: those of even number at ``place``, of odd number 3 further.
+
+    What the roundings lost goes 6 further. Four samples at a time, then the lanes and the rest one by one.
+    """
+    lanes = stack_memory(_SUM_BYTES)
+    whole = n - n % LANES
+    if whole > 0:
+        total = load(VECTOR, values)
+        rest = splat(VECTOR, 0.0)
+        for k in range(LANES, whole, LANES):
+            value = load(VECTOR, values + 8 * k)
+            new = total + value
+            back = new - total  # Knuth's two-sum: exact whichever is larger
+            rest = rest + ((total - (new - back)) + (value - back))
+            total = new
+        store(lanes, total)
+        store(lanes + STEP, rest)
+        for k in range(LANES):
+            i = place + 3 * ((parity + k) % 2)
+            sums[i], lost = add_compensated(sums[i], sums[i + 6], load(_float64, lanes + 8 * k))
+            sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)
+    for k in range(whole, n):
+        i = place + 3 * ((parity + k) % 2)
+        sums[i], sums[i + 6] = add_compensated(sums[i], sums[i + 6], load(_float64, values + 8 * k))
 
 
 @inline
@@ -152,7 +181,7 @@ def _trace_camera_rays(
     )
     one, none = splat(VECTOR, 1.0), splat(INTEGERS, _int64(-1))
     number = iota(INTEGERS) + splat(INTEGERS, start)
-    for k in range(0, (n + 3) // 4):
+    for k in range((n + 3) // 4):
         at_lanes = hits + STEP * k
         d = at_lanes + DIRECTION
         shear_lanes(hits, k, load(VECTOR, d), load(VECTOR, d + ROW), load(VECTOR, d + 2 * ROW))
@@ -165,7 +194,7 @@ def _trace_camera_rays(
         store(at_lanes + SAMPLE, number + splat(INTEGERS, _int64(4) * k))
         store(at_lanes + DEPTH, none + splat(INTEGERS, _int64(1)))
         store(at_lanes + FROM, none)
-    trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1)
+    trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
 
 
 @kernel
@@ -203,13 +232,9 @@ def _render_wave(
             _trace_camera_rays(view, ambient, scratch, pixels, pixel, first, pixel * per_pixel, rays, per_pixel)
     trace_bounces(view, ambient, scratch)
     for pixel in range(n_pixels):
-        for k in range(per_pixel):
-            half = 12 * pixel + 3 * ((first + k) % 2)
-            for channel in range(3):
-                value = load(_float64, scratch.radiance + 8 * (WAVE * channel + pixel * per_pixel + k))
-                total, rest = add_compensated(sums[half + channel], sums[half + channel + 6], value)
-                sums[half + channel] = total
-                sums[half + channel + 6] = rest
+        for channel in range(3):
+            values = scratch.radiance + 8 * (WAVE * channel + pixel * per_pixel)
+            _add_up(values, per_pixel, first % 2, sums, 12 * pixel + channel)
 
 
 @kernel
@@ -235,20 +260,19 @@ def _render(
         shadows,
         radiance,
         radiance + 8 * 3 * WAVE,
-        8 * COLUMNS * capacity(settings[SETTING_MAX_DEPTH]),
+        8 * capacity(settings[SETTING_MAX_DEPTH]),
         address_of(words),
+        8 * (settings[SETTING_MAX_DEPTH] + 2),
         address_of(scene.tree),
         address_of(scene.materials) + 8 * MATERIAL_KT,
         address_of(scene.face_material),
-        pointer(words[2:]),
+        pointer(words[2 * (settings[SETTING_MAX_DEPTH] + 2) :]),
         pointer(counters),
     )
     flag = pointer(cancel)
     ambient = total_ambient(view)
     wave_pixels = np.empty((_BLOCK_PIXELS, 3), np.int64)
     wave_sums = np.empty((_BLOCK_PIXELS, 12))
-    pixels = pointer(wave_pixels)
-    partial = pointer(wave_sums)
     width, height, kind = settings[SETTING_WIDTH], settings[SETTING_HEIGHT], settings[SETTING_CAMERA]
     crop_x, crop_y = settings[SETTING_CROP_X], settings[SETTING_CROP_Y]
     crop_end_x, crop_end_y = crop_x + settings[SETTING_CROP_WIDTH], crop_y + settings[SETTING_CROP_HEIGHT]

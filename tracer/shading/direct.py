@@ -8,7 +8,7 @@ import math
 from typing import Any, Final
 
 from tracer.geometry.rounding import EPSILON, SMALLEST
-from tracer.geometry.vector import add, at, dot, is_black, multiply, negate, scale
+from tracer.geometry.vector import add, at, dot, multiply, negate, scale
 from tracer.jit import inline, kernel
 from tracer.rays.rows import (
     INTEGERS,
@@ -41,7 +41,6 @@ from tracer.shading.rows import (
     START,
     STRENGTH,
     TO_LIGHT,
-    choose,
     put_vector,
     spread,
     vector_at,
@@ -49,16 +48,17 @@ from tracer.shading.rows import (
 from tracer.simd import (
     absolute,
     any_lane,
+    exp,
     load,
+    log,
     mask_to_bits,
     maximum,
     minimum,
     population_count,
-    power,
     select,
     splat,
-    stand_alone,
     sqrt,
+    stand_alone,
     store,
 )
 from tracer.simd.gateway import types
@@ -113,7 +113,7 @@ def attenuate(ray: int, distance: Any) -> Any:
 
 @inline
 def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
-    """(Unit direction to the light, attenuation times cone) of four hits."""
+    """Return (unit direction to the light, attenuation times cone) of four hits."""
     i = N_LIGHT * light
     zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
     if kind == LIGHT_KIND_DIRECTIONAL:  # no distance: nothing but a counts
@@ -234,7 +234,9 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
             squared = dot(half, half)  # 0 when l = -v
             n_dot_h = dot(vector_at(ray + NORMAL), half)
             n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
-            highlight = power(maximum(n_dot_h, zero), load(VECTOR, ray + EXPONENT))
+            exponent = load(VECTOR, ray + EXPONENT)
+            highlight = select(n_dot_h > zero, exp(exponent * log(maximum(n_dot_h, splat(VECTOR, 1e-300)))), zero)
+            highlight = select(exponent == zero, one, highlight)
             reflected = add(reflected, scale(ks, highlight))
         gained = multiply(reflected, arriving)
         put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))

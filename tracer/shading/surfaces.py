@@ -53,11 +53,10 @@ from tracer.simd import (
     count_trailing_zeros,
     load,
     mask_to_bits,
-    select,
     splat,
-    stand_alone,
     sqrt,
     stack_memory,
+    stand_alone,
     store,
 )
 from tracer.simd.gateway import types
@@ -113,9 +112,7 @@ def _blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
 @inline
 def _size(a: float, b: float, c: float, b0: Any, b1: Any, b2: Any) -> Any:
     """Sum of the absolute values of three weighted coordinates."""
-    return (
-        absolute(b0 * splat(VECTOR, a)) + absolute(b1 * splat(VECTOR, b)) + absolute(b2 * splat(VECTOR, c))
-    )
+    return absolute(b0 * splat(VECTOR, a)) + absolute(b1 * splat(VECTOR, b)) + absolute(b2 * splat(VECTOR, c))
 
 
 @kernel
