@@ -95,9 +95,10 @@ def shear_lanes(packet: int, vector: int, dx: Any, dy: Any, dz: Any) -> None:
     ky = select(along_z, dy, select(along_y, dx, dz))
     kz = select(along_z, dz, select(along_y, dy, dx))
     at = packet + STEP * vector
-    store(at + SHEAR, kx / kz)
-    store(at + SHEAR + ROW, ky / kz)
-    store(at + SHEAR + 2 * ROW, one / kz)
+    inverse = one / kz
+    store(at + SHEAR, kx * inverse)
+    store(at + SHEAR + ROW, ky * inverse)
+    store(at + SHEAR + 2 * ROW, inverse)
     store(at + SPEED, absolute(kz))
     zero, unit = splat(INTEGERS, _int64(0)), splat(INTEGERS, _int64(1))
     axis = select(along_z, splat(INTEGERS, _int64(4)), select(along_y, splat(INTEGERS, _int64(2)), zero))

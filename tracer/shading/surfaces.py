@@ -48,7 +48,6 @@ from tracer.shading.rows import (
 from tracer.shading.surface import make_surface
 from tracer.shading.texture import sample_texture
 from tracer.simd import (
-    absolute,
     all_lanes,
     count_trailing_zeros,
     load,
@@ -82,7 +81,6 @@ from tracer.types import (
 
 _int64: Final = types.int64
 _float64: Final = types.float64
-_GAMMA_7: Final = gamma(7)
 _GAMMA_8: Final = gamma(8)
 _TEXEL_BYTES: Final = 3 * STEP
 
@@ -107,12 +105,6 @@ def _blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
         b0 * splat(VECTOR, a.y) + b1 * splat(VECTOR, b.y) + b2 * splat(VECTOR, c.y),
         b0 * splat(VECTOR, a.z) + b1 * splat(VECTOR, b.z) + b2 * splat(VECTOR, c.z),
     )
-
-
-@inline
-def _size(a: float, b: float, c: float, b0: Any, b1: Any, b2: Any) -> Any:
-    """Sum of the absolute values of three weighted coordinates."""
-    return absolute(b0 * splat(VECTOR, a)) + absolute(b1 * splat(VECTOR, b)) + absolute(b2 * splat(VECTOR, c))
 
 
 @kernel
@@ -171,8 +163,14 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     e1, e2 = subtract(p1, p0), subtract(p2, p0)
     # as `tracer.geometry.shapes.locate_on_triangle` counts the error
     extent = max(abs(e1.x), abs(e1.y), abs(e1.z), abs(e2.x), abs(e2.y), abs(e2.z))
-    reach = splat(VECTOR, _GAMMA_8 * extent)
-    gamma_7 = splat(VECTOR, _GAMMA_7)
+    # with the weights' sum of at most 1 taken for granted: one bound for all of the triangle
+    reach = _GAMMA_8 * extent
+    error = Vec3(
+        _GAMMA_8 * max(abs(p0.x), abs(p1.x), abs(p2.x)) + reach,
+        _GAMMA_8 * max(abs(p0.y), abs(p1.y), abs(p2.y)) + reach,
+        _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach,
+    )
+    errors = spread(error)
     normal = normalize(cross(e1, e2))
     flat = spread(normal)
     away = spread(negate(normal))
@@ -197,9 +195,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
         b1, b2 = load(VECTOR, ray + WEIGHT_1), load(VECTOR, ray + WEIGHT_2)
         b0 = (one - b1) - b2
         put_vector(ray + POSITION, mask, _blend(p0, p1, p2, b0, b1, b2))
-        put(ray + ERROR, mask, gamma_7 * _size(p0.x, p1.x, p2.x, b0, b1, b2) + reach)
-        put(ray + ERROR + ROW, mask, gamma_7 * _size(p0.y, p1.y, p2.y, b0, b1, b2) + reach)
-        put(ray + ERROR + 2 * ROW, mask, gamma_7 * _size(p0.z, p1.z, p2.z, b0, b1, b2) + reach)
+        put_vector(ray + ERROR, mask, errors)
         shading = flat
         geometric = flat
         if flags & FACE_HAS_NORMALS:  # as given, then unit
