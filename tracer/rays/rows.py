@@ -50,7 +50,7 @@ VECTOR: Final = float64x4
 INTEGERS: Final = int64x4
 MASK: Final = mask4
 NIBBLE: Final = 15
-ALL: Final = -1
+ALL: Final = -1 if PACKET == 64 else (1 << PACKET) - 1
 
 
 @inline

@@ -40,7 +40,7 @@ from tracer.rays.rows import (
 from tracer.sampling.hashing import pixel_key
 from tracer.sampling.lanes import fill_samples
 from tracer.shading.rows import DEPTH, DIRECTION, FROM, HIT_ROWS, SAMPLE, THROUGHPUT
-from tracer.simd import address_of, iota, load, splat, stack_memory, store
+from tracer.simd import address_of, int32x4, iota, load, splat, stack_memory, store
 from tracer.simd.gateway import types
 from tracer.types import (
     BLOCK_PX,
@@ -156,14 +156,25 @@ def _trace_camera_rays(
     indices = stack_memory(_WORD_BYTES)
     hits = scratch.hits
     pixel, index = 3 * first_pixel, first
-    for k in range(n):
-        store(keys + 4 * k, _int32(pixels[pixel + 2]))
-        store(indices + 4 * k, _int32(index))
-        store(places + 8 * k, _float64(pixels[pixel]))
-        store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
-        index += 1
-        if index == first + per_pixel:
-            pixel, index = pixel + 3, first
+    if per_pixel % LANES == 0 and n % LANES == 0:  # four samples of one pixel at a time
+        following = iota(int32x4)
+        for k in range(0, n, LANES):
+            store(keys + 4 * k, splat(int32x4, _int32(pixels[pixel + 2])))
+            store(indices + 4 * k, following + splat(int32x4, _int32(index)))
+            store(places + 8 * k, splat(VECTOR, _float64(pixels[pixel])))
+            store(places + ROW + 8 * k, splat(VECTOR, _float64(pixels[pixel + 1])))
+            index += LANES
+            if index == first + per_pixel:
+                pixel, index = pixel + 3, first
+    else:
+        for k in range(n):
+            store(keys + 4 * k, _int32(pixels[pixel + 2]))
+            store(indices + 4 * k, _int32(index))
+            store(places + 8 * k, _float64(pixels[pixel]))
+            store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
+            index += 1
+            if index == first + per_pixel:
+                pixel, index = pixel + 3, first
     us, vs = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free until the rays are there
     fill_samples(sampler, n_samples, n, keys, indices, us, vs)
     for k in range(0, 8 * n, STEP):

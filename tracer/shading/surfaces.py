@@ -172,8 +172,6 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     )
     errors = spread(error)
     normal = normalize(cross(e1, e2))
-    flat = spread(normal)
-    away = spread(negate(normal))
     flags = int64(view.face_flags[face])
     material = int64(view.face_material[face])
     two_sided = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
@@ -182,6 +180,16 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     filtering = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_FILTER])
     n0, n1, n2 = at(view.vertex_normals, 3 * i0), at(view.vertex_normals, 3 * i1), at(view.vertex_normals, 3 * i2)
     c0, c1, c2 = at(view.vertex_colors, 3 * i0), at(view.vertex_colors, 3 * i1), at(view.vertex_colors, 3 * i2)
+    # Flat faces with vertex normals all the same: walls, boxes.
+    uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
+    smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
+    if flags & FACE_HAS_NORMALS and uniform:
+        facing = normalize(n0)
+        if dot(normal, facing) < 0.0:
+            normal = negate(normal)
+    else:
+        facing = normal
+    flat, away, level = spread(normal), spread(negate(normal)), spread(facing)
     scratch = stack_memory(_TEXEL_BYTES)
     one = splat(VECTOR, 1.0)
     zero = splat(VECTOR, 0.0)
@@ -196,9 +204,9 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
         b0 = (one - b1) - b2
         put_vector(ray + POSITION, mask, _blend(p0, p1, p2, b0, b1, b2))
         put_vector(ray + ERROR, mask, errors)
-        shading = flat
+        shading = level
         geometric = flat
-        if flags & FACE_HAS_NORMALS:  # as given, then unit
+        if smooth:  # as given, then unit
             shading = _make_unit(_blend(n0, n1, n2, b0, b1, b2), normal, scratch)
             geometric = choose(dot(flat, shading) < zero, away, flat)
         behind = dot(geometric, vector_at(ray + DIRECTION)) > zero
