@@ -10,7 +10,6 @@ is handed may hold anything that was once a number there.
 from typing import Any, Final
 
 from tracer.jit import inline
-from tracer.rays.predicate import shear_of
 from tracer.simd import (
     absolute,
     all_lanes,
@@ -106,13 +105,22 @@ def shear_lanes(packet: int, vector: int, dx: Any, dy: Any, dz: Any) -> None:
 
 
 @inline
-def set_ray(packet: int, lane: int, dx: float, dy: float, dz: float) -> None:
-    """Fill SHEAR, SPEED and AXIS of one ray."""
-    _kx, _ky, kz, sx, sy, sz = shear_of(dx, dy, dz)
-    at = packet + 8 * lane
-    along = dz if kz == 2 else (dy if kz == 1 else dx)
-    store(at + SHEAR, sx)
-    store(at + SHEAR + ROW, sy)
-    store(at + SHEAR + 2 * ROW, sz)
-    store(at + SPEED, abs(along))
-    store(at + AXIS, _int64(2 * kz + (1 if along < 0.0 else 0)))
+def spread_shear(packet: int, vector: int, shear: Any, speed: float) -> None:
+    """Fill SHEAR, SPEED and AXIS of four rays of one direction.
+
+    Parameters
+    ----------
+    packet, vector
+        Where.
+    shear
+        :func:`predicate.shear_of` the direction.
+    speed
+        Its component along kz.
+    """
+    _kx, _ky, kz, sx, sy, sz = shear
+    at = packet + STEP * vector
+    store(at + SHEAR, splat(VECTOR, sx))
+    store(at + SHEAR + ROW, splat(VECTOR, sy))
+    store(at + SHEAR + 2 * ROW, splat(VECTOR, sz))
+    store(at + SPEED, splat(VECTOR, abs(speed)))
+    store(at + AXIS, splat(INTEGERS, _int64(2 * kz + (1 if speed < 0.0 else 0))))

@@ -10,6 +10,7 @@ from typing import Any, Final
 from tracer.geometry.rounding import EPSILON, SMALLEST
 from tracer.geometry.vector import add, at, dot, multiply, negate, scale
 from tracer.jit import inline, kernel
+from tracer.rays.predicate import shear_of
 from tracer.rays.rows import (
     INTEGERS,
     LANES,
@@ -24,6 +25,7 @@ from tracer.rays.rows import (
     VECTORS,
     mask_of,
     shear_lanes,
+    spread_shear,
 )
 from tracer.shading.lights import BEFORE_LIGHT
 from tracer.shading.rows import (
@@ -165,6 +167,9 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
     diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
     position = spread(at(view.lights, i + LIGHT_POSITION))
     end = splat(VECTOR, math.inf if kind == LIGHT_KIND_DIRECTIONAL else BEFORE_LIGHT)
+    against = negate(at(view.lights, i + LIGHT_DIRECTION))
+    shear = shear_of(against.x, against.y, against.z)
+    speed = against.z if shear[2] == 2 else (against.y if shear[2] == 1 else against.x)
     lit = _int64(0)
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE
@@ -190,14 +195,14 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         store(ray + COSINE, cosine)
         store(ray + STRENGTH, strength)
         origin = offset_origins(ray, to_light)
-        direction = to_light
-        if kind != LIGHT_KIND_DIRECTIONAL:
-            direction = Vec3(position.x - origin.x, position.y - origin.y, position.z - origin.z)
         shadow = shadows + STEP * k
         store(shadow + ORIGIN, origin.x)
         store(shadow + ORIGIN + ROW, origin.y)
         store(shadow + ORIGIN + 2 * ROW, origin.z)
-        shear_lanes(shadows, k, direction.x, direction.y, direction.z)
+        if kind == LIGHT_KIND_DIRECTIONAL:
+            spread_shear(shadows, k, shear, speed)
+        else:
+            shear_lanes(shadows, k, position.x - origin.x, position.y - origin.y, position.z - origin.z)
         store(shadow + T_BEST, end)
         store(shadow + SKIP, load(INTEGERS, ray + START))
         store(shadow + LIGHT, one)
