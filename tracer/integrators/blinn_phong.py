@@ -18,7 +18,7 @@ Source: [farmer2019 eq. 9-18].
 """
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from tracer.accel.traverse import closest_shape, shade_by_shapes
 from tracer.geometry.vector import add, at, is_black, largest, multiply, negate, scale
@@ -50,7 +50,6 @@ from tracer.rays.rows import (
     SKIP,
     STEP,
     T_BEST,
-    VECTOR,
     VECTORS,
     set_ray,
 )
@@ -153,7 +152,7 @@ def _meet_shapes(view: SceneView, scratch: Scratch, lanes: int) -> None:
 
 
 @kernel
-def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) -> int:
+def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) -> Any:
     """Multiply the light of shadow rays by what shapes and planes let through; returns those left in the dark."""
     dark = _int64(0)
     while lanes != 0:
@@ -170,7 +169,7 @@ def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) 
 
 
 @inline
-def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> int:
+def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
     trace_bundle(scratch.tree, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
@@ -327,7 +326,7 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int)
 
 
 @inline
-def _top_depth(scratch: Scratch, which: int) -> int:
+def _top_depth(scratch: Scratch, which: int) -> Any:
     """Depth of a stack's topmost bounce, -1 when it is empty."""
     height = load(_int64, scratch.heights + 8 * which)
     if height == 0:
@@ -337,7 +336,7 @@ def _top_depth(scratch: Scratch, which: int) -> int:
 
 
 @inline
-def _take_bounces(scratch: Scratch, which: int, depth: int) -> int:
+def _take_bounces(scratch: Scratch, which: int, depth: int) -> Any:
     """Take up to 64 bounces of a depth off a stack and make them rays; returns how many."""
     height = load(_int64, scratch.heights + 8 * which)
     n = _int64(0)

@@ -14,7 +14,8 @@ from tracer.rays.rows import PACKET, RAY_ROWS, ROW
 from tracer.shading.rows import HIT_ROWS
 
 WAVE: Final = 1024  # samples that are under way together
-COLUMNS: Final = 14  # of a bounce that waits: origin, direction, throughput, sample, depth, material, skip; one to spare
+# of a bounce that waits: origin, direction, throughput, sample, depth, material, skip; one to spare
+COLUMNS: Final = 14
 PENDING_BYTES: Final = 8 * COLUMNS
 PENDING_DIRECTION: Final = 24
 PENDING_THROUGHPUT: Final = 48

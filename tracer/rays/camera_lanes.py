@@ -2,10 +2,9 @@
 
 from typing import Any, Final
 
-from tracer.geometry.vector import at
-from tracer.jit import inline, int64, kernel
+from tracer.jit import inline, kernel
 from tracer.rays.camera import camera_ray, unit_ray
-from tracer.rays.rows import LANES, ROW, STEP, VECTOR
+from tracer.rays.rows import ROW, STEP, VECTOR
 from tracer.simd import all_lanes, load, splat, sqrt, store
 from tracer.simd.gateway import types
 from tracer.types import (

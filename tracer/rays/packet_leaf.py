@@ -35,14 +35,12 @@ from tracer.rays.rows import (
 )
 from tracer.simd import (
     absolute,
-    any_lane,
     count_trailing_zeros,
     load,
     load_as_float64,
     mask_to_bits,
     maximum,
     minimum,
-    select,
     splat,
     stand_alone,
     store,
@@ -96,19 +94,28 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all of them meet."""
+    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all meet."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
     ax, ay, aw, ah, az = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
     bx, by, bw, bh, bz = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
     cx, cy, cw, ch, cz = _from_beam(
-        beam, load_as_float64(VECTOR, rows, at_x), load_as_float64(VECTOR, rows, at_y), load_as_float64(VECTOR, rows, at_z)
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
     )
     nearest, farthest = minimum(az, minimum(bz, cz)), maximum(az, maximum(bz, cz))
     half = _spread(beam + BEAM_HALF)
@@ -236,7 +243,7 @@ def stack_of_nine(place: int, size: int, row: int, kx: int, ky: int, kz: int) ->
 @inline
 def meet_triangle(
     place: int, size: int, row: int, word: int, packet: int, active: int, axes: Any, closest: int, found: int
-) -> int:
+) -> Any:
     """Test a triangle against the active rays.
 
     Parameters

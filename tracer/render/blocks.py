@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.accel.view import view_scene
-from tracer.geometry.vector import at
 from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
 from tracer.integrators.scratch import COLUMNS, WAVE, Scratch, allocate, capacity
 from tracer.jit import inline, int64, kernel, pointer
@@ -152,7 +151,7 @@ def _trace_camera_rays(
     )
     one, none = splat(VECTOR, 1.0), splat(INTEGERS, _int64(-1))
     number = iota(INTEGERS) + splat(INTEGERS, start)
-    for k in range(0, (n + 3) // 4):
+    for k in range((n + 3) // 4):
         at_lanes = hits + STEP * k
         d = at_lanes + DIRECTION
         shear_lanes(hits, k, load(VECTOR, d), load(VECTOR, d + ROW), load(VECTOR, d + 2 * ROW))
@@ -247,8 +246,6 @@ def _render(
     ambient = total_ambient(view)
     wave_pixels = np.empty((_BLOCK_PIXELS, 3), np.int64)
     wave_sums = np.empty((_BLOCK_PIXELS, 12))
-    pixels = pointer(wave_pixels)
-    partial = pointer(wave_sums)
     width, height, kind = settings[SETTING_WIDTH], settings[SETTING_HEIGHT], settings[SETTING_CAMERA]
     crop_x, crop_y = settings[SETTING_CROP_X], settings[SETTING_CROP_Y]
     crop_end_x, crop_end_y = crop_x + settings[SETTING_CROP_WIDTH], crop_y + settings[SETTING_CROP_HEIGHT]

@@ -129,7 +129,7 @@ def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, 
         bits += 1
     lift = splat(int32x8, _int32(_int64(1) << (32 - bits))) if bits > 0 else _word(0)
     drop = _int32(32 - bits if bits > 0 else 31)
-    for k in range(0, (n + LANES - 1) // LANES):
+    for k in range((n + LANES - 1) // LANES):
         key = load(int32x8, keys + _BYTES * k)
         index = load(int32x8, indices + _BYTES * k)
         index = shift_right_logical(_scramble(_reverse(index * lift), _hash(key ^ _word(_SHUFFLE))), drop)

@@ -8,7 +8,7 @@ import math
 from typing import Any, Final
 
 from tracer.geometry.rounding import EPSILON, SMALLEST
-from tracer.geometry.vector import add, at, dot, is_black, multiply, negate, scale
+from tracer.geometry.vector import add, at, dot, multiply, negate, scale
 from tracer.jit import inline, kernel
 from tracer.rays.rows import (
     INTEGERS,
@@ -41,7 +41,6 @@ from tracer.shading.rows import (
     START,
     STRENGTH,
     TO_LIGHT,
-    choose,
     put_vector,
     spread,
     vector_at,
@@ -57,8 +56,8 @@ from tracer.simd import (
     power,
     select,
     splat,
-    stand_alone,
     sqrt,
+    stand_alone,
     store,
 )
 from tracer.simd.gateway import types
@@ -113,7 +112,7 @@ def attenuate(ray: int, distance: Any) -> Any:
 
 @inline
 def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
-    """(Unit direction to the light, attenuation times cone) of four hits."""
+    """Return (unit direction to the light, attenuation times cone) of four hits."""
     i = N_LIGHT * light
     zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
     if kind == LIGHT_KIND_DIRECTIONAL:  # no distance: nothing but a counts
@@ -137,7 +136,7 @@ def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
 
 
 @kernel
-def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> int:
+def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> Any:
     """Find which hits face a light, and make their shadow rays.
 
     Parameters
@@ -219,7 +218,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
     """
     stand_alone()
     i = N_LIGHT * light
-    zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
+    zero = splat(VECTOR, 0.0)
     diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE

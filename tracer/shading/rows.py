@@ -5,10 +5,9 @@ Invariant: values are float64, but for SAMPLE, DEPTH, FROM, MATERIAL and START (
 
 from typing import Any, Final
 
-from tracer.geometry.vector import at
 from tracer.jit import inline
 from tracer.rays.rows import RAY_ROWS, ROW, VECTOR, put
-from tracer.simd import address_of, load, select, splat, sqrt, store
+from tracer.simd import load, select, splat, store
 from tracer.simd.gateway import types
 from tracer.types import Vec3
 
