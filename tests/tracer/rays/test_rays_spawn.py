@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tracer.accel.query import find_closest
+from tests.tracer.rays.packets import find_closest
 from tracer.geometry.shapes import locate_on_shape, locate_on_triangle
 from tracer.rays.spawn import offset_origin
 from tracer.render.tiny import make_scene
@@ -56,7 +56,7 @@ def test_triangles_are_not_met_again(scale, offset):
             for d in hemisphere(rng, side * np.array(facts.normal), 4):
                 origins.append(offset_origin(facts.position, facts.error, facts.normal, Vec3(*d)))
                 directions.append(d)
-        hits = find_closest(scene, np.array(origins), np.array(directions), np.full(len(origins), -1))
+        hits = find_closest(scene, np.array(origins), np.array(directions))
         # The corners are rounded, so the fan is flat to 1e-16 of its offset only: leave out what grazes less than that.
         real = np.abs(np.array(directions) @ basis[2]) > 1e-14 * (1.0 + offset)
         assert (hits.primitive[real] == -1).all()
@@ -83,7 +83,7 @@ def test_shapes_are_not_met_again_from_outside_nor_missed_from_inside(kind, scal
     n = 1500
     aim = origin + (rng.uniform(-1, 1, (n, 3)) @ matrix.T)
     start = origin + 5.0 * scale * rng.standard_normal((n, 3))
-    hits = find_closest(scene, start, aim - start, np.full(n, -1))
+    hits = find_closest(scene, start, aim - start)
     hit = np.flatnonzero(hits.primitive == 0)
     assert len(hit) > n // 4
     for inward in (False, True):
@@ -103,7 +103,7 @@ def test_shapes_are_not_met_again_from_outside_nor_missed_from_inside(kind, scal
             d = hemisphere(rng, -normal if inward else normal, 1)[0]
             origins.append(offset_origin(facts.position, facts.error, facts.normal, Vec3(*d)))
             directions.append(d)
-        found = find_closest(scene, np.array(origins), np.array(directions), np.full(len(hit), -1))
+        found = find_closest(scene, np.array(origins), np.array(directions))
         if inward:  # the other side, a chord away, is met; the surface itself is not
             assert (found.primitive == 0).all()
             depth = np.abs(np.einsum("ij,ij->i", directions, directions) - 1).max()
