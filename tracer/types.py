@@ -29,7 +29,6 @@ COUNTERS: Final[tuple[str, ...]] = (
     "transmission_rays",  # rays traced along eq. 18
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
-    "occluder_cache_hits",  # shadow rays ended by the occluder that ended the one before
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
@@ -193,10 +192,9 @@ class CompiledScene(NamedTuple):
     light_kind: NDArray[np.int32]  # (n_lights,) LIGHT_KIND_*
 
     tree: NDArray[np.int64]  # (n,) the triangles' wide tree, as tracer.accel.layout says
-    bvh_bounds: NDArray[
-        np.float64
-    ]  # of the finite shapes: (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the
-    #                                    root is node 0
+    # the finite shapes' tree:
+    bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the root
+    #                                    is node 0
     bvh_children: NDArray[np.int32]  # (n_nodes, 4) per child (index, count): count 0: node `index`; count > 0: leaf of
     #                                    slots index .. index + count; count -1: nothing there
     bvh_slots: NDArray[np.int32]  # (ns,) shape by slot

@@ -244,7 +244,9 @@ def build_bvh(
     shape_origin: NDArray[np.float64],
     shape_to_world: NDArray[np.float64],
 ) -> Bvh:
-    """Build the hierarchies over a scene's triangles and finite shapes; ``CompiledScene(**bvh._asdict(), ...)``.
+    """Build the hierarchies over the triangles and the finite shapes of a scene.
+
+    ``CompiledScene(**bvh._asdict(), ...)`` takes what it returns.
 
     Parameters
     ----------

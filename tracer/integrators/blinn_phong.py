@@ -17,7 +17,7 @@ Semantics where the report leaves a choice:
 Source: [farmer2019 eq. 9-18].
 """
 
-from typing import Final
+from typing import Any, Final
 
 from tracer.accel.traverse import closest_shape, shade_by_shapes
 from tracer.geometry.vector import add, at, is_black, multiply, scale
@@ -99,7 +99,7 @@ def _meet_shapes(view: SceneView, scratch: Scratch, lanes: int) -> None:
 
 
 @kernel
-def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) -> int:
+def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) -> Any:
     """Multiply the light of shadow rays by what shapes and planes let through; returns those left in the dark."""
     dark = _int64(0)
     while lanes != 0:
@@ -116,7 +116,7 @@ def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) 
 
 
 @inline
-def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> int:
+def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
     trace_bundle(scratch.tree, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))

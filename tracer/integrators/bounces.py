@@ -95,7 +95,7 @@ _SKIPPED_THROUGHPUT: Final = COUNTERS.index("bounces_skipped_throughput")
 
 
 @inline
-def _stack(scratch: Scratch, which: int) -> int:
+def _stack(scratch: Scratch, which: int) -> Any:
     """Address of a stack's first row."""
     return scratch.pending + which * PENDING_ROWS * scratch.pending_row
 
@@ -247,7 +247,7 @@ def make_bounces(view: SceneView, scratch: Scratch, lanes: int, behind_lanes: in
 
 
 @inline
-def _deepest(scratch: Scratch, which: int, max_depth: int) -> int:
+def _deepest(scratch: Scratch, which: int, max_depth: int) -> Any:
     """Depth of a stack's topmost bounce, 0 when it is empty."""
     heights = scratch.heights + which * scratch.heights_row
     if load(_int64, heights) == 0:
@@ -259,7 +259,7 @@ def _deepest(scratch: Scratch, which: int, max_depth: int) -> int:
 
 
 @kernel
-def take_bounces(view: SceneView, scratch: Scratch) -> int:
+def take_bounces(view: SceneView, scratch: Scratch) -> Any:
     """Take up to 64 bounces of one depth off a stack, and make them the rays of ``scratch.hits``.
 
     Returns

@@ -23,7 +23,7 @@ _ALIKE: Final = 2.0**-4  # of slopes
 
 
 @inline
-def _companions(packet: int, lanes: int, first: int, near: float) -> int:
+def _companions(packet: int, lanes: int, first: int, near: float) -> Any:
     """Return the rays of a set that go well with its ray ``first``."""
     ray = packet + 8 * first
     axis = splat(INTEGERS, load(_int64, ray + AXIS))

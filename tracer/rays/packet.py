@@ -214,7 +214,7 @@ def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
 
 
 @inline
-def _skips(packet: int, active: int, primitive: int) -> int:
+def _skips(packet: int, active: int, primitive: int) -> Any:
     """Return the active rays that skip a primitive."""
     same = _int64(0)
     wanted = splat(INTEGERS, primitive)
@@ -313,7 +313,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     store(beam + BEAM_Y_WIDTH, 0.5 * (y_high_start - y_low_start) + slop)
     skip = load(_int64, packet + SKIP + 8 * count_trailing_zeros(active))
     alike = _skips(packet, active, skip) == active
-    # the lines in float32, each slope split by sign: rising part counts at one end of a box, falling at the other
+    # the lines in float32, each slope split by sign: rising parts count at one end of a box, falling ones at the other
     deepest = breadth + slop
     pad = _ROUNDING * (abs(x_low_start) + abs(x_low) * deepest) + slop
     xl_up, xl_down, xl = _spread(max(x_low, 0.0)), _spread(min(x_low, 0.0)), _spread(x_low_start - pad)
@@ -408,7 +408,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
 
 
 @inline
-def _dim(packet: int, lanes: int, material: int) -> int:
+def _dim(packet: int, lanes: int, material: int) -> Any:
     """Multiply the light of some rays by a material's kt; returns those left in the dark."""
     red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
     dark = _int64(0)

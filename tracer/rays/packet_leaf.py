@@ -94,7 +94,7 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all rays meet."""
+    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all meet."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
     ax, ay, aw, ah, az = _from_beam(
@@ -253,7 +253,7 @@ def meet_triangle(
     closest: int,
     alike: bool,
     found: int,
-) -> int:
+) -> Any:
     """Test a triangle against the active rays.
 
     Parameters

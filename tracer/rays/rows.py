@@ -53,12 +53,6 @@ ALL: Final = -1 if PACKET == 64 else (1 << PACKET) - 1
 
 
 @inline
-def row(packet: int, offset: int, vector: int) -> Any:
-    """Load vector number ``vector`` of a row of float64."""
-    return load(VECTOR, packet + offset + STEP * vector)
-
-
-@inline
 def mask_of(lanes: int, vector: int) -> Any:
     """Mask of a vector's lanes in a set."""
     return mask_from_bits(MASK, (lanes >> (LANES * vector)) & NIBBLE)

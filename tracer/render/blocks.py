@@ -233,9 +233,11 @@ def _render_wave(
         store(scratch.radiance + 8 * (WAVE + k), 0.0)
         store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
     if per_pixel >= PACKET:
-        for start in range(0, per_pixel, PACKET):
-            rays = min(PACKET, per_pixel - start)
-            _trace_camera_rays(view, ambient, scratch, pixels, int64(0), first + start, start, rays, per_pixel)
+        for pixel in range(n_pixels):
+            for start in range(0, per_pixel, PACKET):
+                rays = min(PACKET, per_pixel - start)
+                number = pixel * per_pixel + start
+                _trace_camera_rays(view, ambient, scratch, pixels, pixel, first + start, number, rays, per_pixel)
     else:
         together = PACKET // per_pixel
         for pixel in range(0, n_pixels, together):

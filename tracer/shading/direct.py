@@ -139,7 +139,7 @@ def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
 
 
 @kernel
-def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> int:
+def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> Any:
     """Find which hits face a light, and make their shadow rays.
 
     Parameters
@@ -224,7 +224,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
     """
     stand_alone()
     i = N_LIGHT * light
-    zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
+    zero = splat(VECTOR, 0.0)
     diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE
@@ -241,7 +241,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
             n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
             exponent = load(VECTOR, ray + EXPONENT)
             highlight = select(n_dot_h > zero, exp(exponent * log(maximum(n_dot_h, splat(VECTOR, 1e-300)))), zero)
-            highlight = select(exponent == zero, one, highlight)
+            highlight = select(expsplat(VECTOR, 1.0)nt == zero, one, highlight)
             reflected = add(reflected, scale(ks, highlight))
         gained = multiply(reflected, arriving)
         put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))

@@ -86,7 +86,7 @@ _TEXEL_BYTES: Final = 3 * STEP
 
 
 @inline
-def _lanes_of(packet: int, lanes: int, primitive: int) -> int:
+def _lanes_of(packet: int, lanes: int, primitive: int) -> Any:
     """Return the rays of a set that have met a primitive."""
     same = _int64(0)
     wanted = splat(INTEGERS, primitive)
@@ -153,7 +153,7 @@ def _put_material(view: SceneView, ambient: Any, at_lanes: int, mask: Any, mater
 
 
 @kernel
-def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face: int) -> int:
+def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face: int) -> Any:
     """Fill in the rays that have met a triangle; returns those that came from behind."""
     stand_alone()
     i0 = int64(view.face_vertices[3 * face])
@@ -161,7 +161,9 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     i2 = int64(view.face_vertices[3 * face + 2])
     p0, p1, p2 = at(view.vertex_positions, 3 * i0), at(view.vertex_positions, 3 * i1), at(view.vertex_positions, 3 * i2)
     e1, e2 = subtract(p1, p0), subtract(p2, p0)
-    # as `tracer.geometry.shapes.locate_on_triangle` counts the error
+    # error: gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this
+    # triangle's and its neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the
+    # world's origin
     extent = max(abs(e1.x), abs(e1.y), abs(e1.z), abs(e2.x), abs(e2.y), abs(e2.z))
     # with the weights' sum of at most 1 taken for granted: one bound for all of the triangle
     reach = _GAMMA_8 * extent
@@ -272,7 +274,7 @@ def _fill_other(view: SceneView, ambient: Vec3, packet: int, lane: int, primitiv
 
 
 @kernel
-def fill_surfaces(view: SceneView, ambient: Vec3, packet: int, lanes: int) -> int:
+def fill_surfaces(view: SceneView, ambient: Vec3, packet: int, lanes: int) -> Any:
     """Fill in the rows of the hit for rays that have met something.
 
     Parameters
