@@ -18,17 +18,19 @@ from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import ANY, CLOSEST, SHADE, trace_packet
 from tracer.rays.predicate import intersect_triangle, shear_of
 from tracer.rays.rows import (
+    AXIS,
     LIGHT,
     ORIGIN,
     PACKET,
     PRIMITIVE,
     RAY_ROWS,
     ROW,
+    SHEAR,
     SKIP,
+    SPEED,
     T_BEST,
     WEIGHT_1,
     WEIGHT_2,
-    set_ray,
 )
 from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
@@ -50,6 +52,19 @@ class Answers(NamedTuple):
 
 
 @kernel
+def put_direction(packet, lane, dx, dy, dz):
+    """Fill SHEAR, SPEED and AXIS of one ray, as the predicate defines its shear."""
+    _kx, _ky, kz, sx, sy, sz = shear_of(dx, dy, dz)
+    along = dz if kz == 2 else (dy if kz == 1 else dx)
+    ray = packet + 8 * lane
+    store(ray + SHEAR, sx)
+    store(ray + SHEAR + ROW, sy)
+    store(ray + SHEAR + 2 * ROW, sz)
+    store(ray + SPEED, abs(along))
+    store(ray + AXIS, _int64(2 * kz + (1 if along < 0.0 else 0)))
+
+
+@kernel
 def _put_rays(packet, origins, directions, ends, skips, lanes):
     active = int64(0)
     for k in range(lanes.shape[0]):
@@ -58,7 +73,7 @@ def _put_rays(packet, origins, directions, ends, skips, lanes):
         for axis in range(3):
             store(ray + ORIGIN + ROW * axis, origins[k, axis])
             store(ray + LIGHT + ROW * axis, 1.0)
-        set_ray(packet, lane, directions[k, 0], directions[k, 1], directions[k, 2])
+        put_direction(packet, lane, directions[k, 0], directions[k, 1], directions[k, 2])
         store(ray + T_BEST, ends[k])
         store(ray + SKIP, _int64(skips[k]))
         store(ray + PRIMITIVE, _int64(-1))

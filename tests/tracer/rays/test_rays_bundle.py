@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tests.numerics.closed_meshes import by_brute_force, sphere
-from tests.tracer.rays.packets import clutter, follow, tree_of
+from tests.tracer.rays.packets import clutter, follow, put_direction, tree_of
 from tracer.jit import int64, kernel
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import CLOSEST
-from tracer.rays.rows import PACKET, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST, set_ray
+from tracer.rays.rows import PACKET, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
 from tracer.simd import address_of, store
 from tracer.simd.gateway import types
 
@@ -67,7 +67,7 @@ def test_one_ray_of_each_kind(mesh):
 def _trace_some(tree, memory, directions, lanes):
     packet = (address_of(memory) + 63) & ~63
     for lane in range(PACKET):
-        set_ray(packet, lane, directions[lane, 0], directions[lane, 1], directions[lane, 2])
+        put_direction(packet, lane, directions[lane, 0], directions[lane, 1], directions[lane, 2])
         for axis in range(3):
             store(packet + axis * ROW + 8 * lane, 0.01 * axis)
         store(packet + T_BEST + 8 * lane, np.inf)
