@@ -241,7 +241,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
             n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
             exponent = load(VECTOR, ray + EXPONENT)
             highlight = select(n_dot_h > zero, exp(exponent * log(maximum(n_dot_h, splat(VECTOR, 1e-300)))), zero)
-            highlight = select(expsplat(VECTOR, 1.0)nt == zero, one, highlight)
+            highlight = select(exponent == zero, splat(VECTOR, 1.0), highlight)
             reflected = add(reflected, scale(ks, highlight))
         gained = multiply(reflected, arriving)
         put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))
