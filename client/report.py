@@ -12,7 +12,6 @@ from client.terminal import Terminal
 SKIPPED_NAMES: Mapping[str, str] = {
     "shadow_rays_skipped_facing": "shadow rays to lights behind the surface",
     "shadow_rays_skipped_black": "shadow rays that could add nothing",
-    "occluder_cache_hits": "shadow rays blocked by what blocked the last one",
     "bounces_skipped_depth": "bounces beyond the greatest depth",
     "bounces_skipped_throughput": "bounces too faint to see",
     "pixels_skipped_background": "pixels that see only the background",

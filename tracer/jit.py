@@ -101,8 +101,11 @@ int64: Any = np.int64
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile an entry point, or a function too large to copy into its callers; kept on disk."""
-    compiled: _Function = numba.njit(**_OPTIONS)(function)
+    """Compile an entry point, or a function too large to copy into its callers; kept on disk.
+
+    Said explicitly, because numba lets a callee inherit its caller's ``forceinline`` where it has none of its own.
+    """
+    compiled: _Function = numba.njit(forceinline=False, **_OPTIONS)(function)
     return compiled
 
 

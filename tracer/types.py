@@ -29,7 +29,6 @@ COUNTERS: Final[tuple[str, ...]] = (
     "transmission_rays",  # rays traced along eq. 18
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
-    "occluder_cache_hits",  # shadow rays ended by the occluder that ended the one before
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
@@ -147,13 +146,12 @@ class Vec3(NamedTuple):
 
 
 class Bvh(NamedTuple):
-    """A two-way bounding volume hierarchy over triangles and finite shapes; fields as in :class:`CompiledScene`."""
+    """The hierarchies of a scene; fields as in :class:`CompiledScene`."""
 
+    tree: NDArray[np.int64]
     bvh_bounds: NDArray[np.float64]
     bvh_children: NDArray[np.int32]
     bvh_slots: NDArray[np.int32]
-    bvh_vertices: NDArray[np.float64]
-    bvh_corners: NDArray[np.int8]
     bvh_root: NDArray[np.float64]
 
 
@@ -193,13 +191,13 @@ class CompiledScene(NamedTuple):
     lights: NDArray[np.float64]  # (n_lights, N_LIGHT) LIGHT_*
     light_kind: NDArray[np.int32]  # (n_lights,) LIGHT_KIND_*
 
-    bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the
-    #                                    root is node 0
+    tree: NDArray[np.int64]  # (n,) the triangles' wide tree, as tracer.accel.layout says
+    # the finite shapes' tree:
+    bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the root
+    #                                    is node 0
     bvh_children: NDArray[np.int32]  # (n_nodes, 4) per child (index, count): count 0: node `index`; count > 0: leaf of
     #                                    slots index .. index + count; count -1: nothing there
-    bvh_slots: NDArray[np.int32]  # (nt + ns,) primitive id by slot
-    bvh_vertices: NDArray[np.float64]  # (nt + ns, 9) the slot's triangle, vertices in lexicographic order; 0 for shapes
-    bvh_corners: NDArray[np.int8]  # (nt + ns, 3) corner of the face that each sorted vertex is
+    bvh_slots: NDArray[np.int32]  # (ns,) shape by slot
     bvh_root: NDArray[np.float64]  # (2, 3) bounds of all finite primitives; (+inf, -inf) when there are none
 
 
@@ -236,11 +234,10 @@ class SceneView(NamedTuple):
     texels: NDArray[np.float32]
     lights: NDArray[np.float64]
     light_kind: NDArray[np.int32]
+    tree: NDArray[np.int64]
     bvh_bounds: NDArray[np.float64]
     bvh_children: NDArray[np.int32]
     bvh_slots: NDArray[np.int32]
-    bvh_vertices: NDArray[np.float64]
-    bvh_corners: NDArray[np.int8]
     bvh_root: NDArray[np.float64]
     n_triangles: int
     n_shapes: int
@@ -285,11 +282,10 @@ FIELDS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "texels": ("float32", (None, 3)),
     "lights": ("float64", (None, N_LIGHT)),
     "light_kind": ("int32", (None,)),
+    "tree": ("int64", (None,)),
     "bvh_bounds": ("float64", (None, 12)),
     "bvh_children": ("int32", (None, 4)),
     "bvh_slots": ("int32", (None,)),
-    "bvh_vertices": ("float64", (None, 9)),
-    "bvh_corners": ("int8", (None, 3)),
     "bvh_root": ("float64", (2, 3)),
 }
 

@@ -19,7 +19,7 @@ REPORT = {
     },
     "kernel_s": 12.0,
     "rays": {"primary_rays": 1000, "shadow_rays": 500, "total": 1500, "per_sample": 1.5, "per_s": 1.5e6},
-    "skipped": {"shadow_rays_skipped_facing": 12345, "occluder_cache_hits": 0, "something_new": 1},
+    "skipped": {"shadow_rays_skipped_facing": 12345, "bounces_skipped_depth": 0, "something_new": 1},
     "tiles": {"n": 60, "size": 64, "workers": {"a": 30, "b": 30}},
     "triangles": 4511,
     "bytes": {"compiled_scene": 2_000_000},

@@ -60,6 +60,23 @@ def fan(n=256):
     return vertices, np.concatenate(faces).astype(np.int32)
 
 
+def flat_boxes():
+    """Axis-aligned squares at many depths of the three axes: every box is flat, and many share planes with origins."""
+    vertices, faces = [], []
+    for axis in range(3):
+        for depth in (-1.0, -0.5, 0.0, 0.5, 1.0):
+            for u in (-1.0, 0.0):
+                for v in (-1.0, 0.0):
+                    corner = np.zeros((4, 3))
+                    corner[:, axis] = depth
+                    corner[:, (axis + 1) % 3] = [u, u + 1, u + 1, u]
+                    corner[:, (axis + 2) % 3] = [v, v, v + 1, v + 1]
+                    k = 4 * len(vertices)
+                    vertices.append(corner)
+                    faces += [[k, k + 1, k + 2], [k, k + 2, k + 3]]
+    return np.concatenate(vertices), np.array(faces, np.int32)
+
+
 MESHES = {
     "sphere": (sphere, [0.0, 0.0, 0.0], 0.5),
     "torus": (torus, [1.0, 0.0, 0.0], 0.2),

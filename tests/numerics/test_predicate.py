@@ -212,6 +212,22 @@ def test_triangles_without_area_are_never_met():
     assert not predicate(triangles, origins, directions)[0].any()
 
 
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [(-1.0, 0.0, 1.0), (1.0, 0.0, 1.0), (0.0, 0.0, 1.0)],  # seen through a vertex
+        [(-1.0, -1.0, 1.0), (1.0, 1.0, 2.0), (3.0, 3.0, 1.0)],  # through an edge
+        [(-1.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 0.0, 1.0)],
+        [(0.0, 0.0, 1.0), (0.0, 0.0, 2.0), (0.0, 0.0, 3.0)],  # seen end-on
+    ],
+)
+def test_lines_are_never_met(corners):
+    """Exactly collinear, in every order of the vertices, by a ray along an axis that goes through them."""
+    orders = [(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (1, 0, 2), (0, 2, 1)]
+    triangles = np.array([[corners[k] for k in order] for order in orders])
+    assert not predicate(triangles, np.zeros((6, 3)), np.tile([0.0, 0.0, 1.0], (6, 1)))[0].any()
+
+
 def test_published_bad_cases():
     """Triangles that other tracers lose: Embree #387 (a long thin one hit at a shared edge), and one seen edge-on."""
     triangles = np.array(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from closed_meshes import by_brute_force, sphere
+from closed_meshes import by_brute_force, flat_boxes, sphere
 
 from tracer.rays import RayCaster
 
@@ -57,23 +57,6 @@ def test_no_mesh_at_all():
     assert caster.closest_hit([[0, 0, 0]], [[0, 0, 1]]).primitive.tolist() == [-1]
     assert caster.count_hits([[0, 0, 0]], [[0, 0, 1]]).tolist() == [0]
     assert RayCaster([[0, 0, 0]], np.array([[0, 0, 0]])).any_hit([[0, 0, -1]], [[0, 0, 1]]).tolist() == [False]
-
-
-def flat_boxes():
-    """Axis-aligned squares at many depths of the three axes: every box is flat, and many share planes with origins."""
-    vertices, faces = [], []
-    for axis in range(3):
-        for depth in (-1.0, -0.5, 0.0, 0.5, 1.0):
-            for u in (-1.0, 0.0):
-                for v in (-1.0, 0.0):
-                    corner = np.zeros((4, 3))
-                    corner[:, axis] = depth
-                    corner[:, (axis + 1) % 3] = [u, u + 1, u + 1, u]
-                    corner[:, (axis + 2) % 3] = [v, v, v + 1, v + 1]
-                    k = 4 * len(vertices)
-                    vertices.append(corner)
-                    faces += [[k, k + 1, k + 2], [k, k + 2, k + 3]]
-    return np.concatenate(vertices), np.array(faces, np.int32)
 
 
 def test_slabs_lose_nothing_on_flat_boxes():

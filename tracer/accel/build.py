@@ -1,4 +1,6 @@
-"""Build a two-way bounding volume hierarchy by the binned surface-area heuristic.
+"""Build the hierarchies of a scene: the triangles' wide tree, and a two-way one over its finite shapes.
+
+The latter by the binned surface-area heuristic.
 
 Invariants: primitives are bounded exactly (traversal, not the boxes, pays for rounding); a leaf holds at most
 :data:`MAX_LEAF` primitives, by ascending id; the depth is at most :data:`MAX_DEPTH`, whatever the input, because ranges
@@ -14,6 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.accel.wide import build_wide
 from tracer.jit import kernel
 from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_CYLINDER_OPEN, SHAPE_DISK, SHAPE_SPHERE, Bvh
 
@@ -197,38 +200,6 @@ def _build(
     return node_bounds[:n_nodes].copy(), children[:n_nodes].copy(), ids, depth_reached
 
 
-@kernel
-def _fill_slots(
-    positions: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    slots: NDArray[np.int32],
-    vertices: NDArray[np.float64],
-    corners: NDArray[np.int8],
-) -> None:
-    """Copy each slot's triangle with its vertices in lexicographic order: triangles of equal vertices give equal t."""
-    for slot in range(slots.shape[0]):
-        face = slots[slot]
-        for k in range(3):
-            corners[slot, k] = k
-        if face >= faces.shape[0]:
-            vertices[slot] = 0.0
-            continue
-        for k in range(2):  # three compare-and-swap steps sort three: (0 1) (1 2) (0 1)
-            for j in range(2 - k):
-                a = faces[face, corners[slot, j]]
-                b = faces[face, corners[slot, j + 1]]
-                swap = False
-                for axis in range(3):
-                    if positions[a, axis] != positions[b, axis]:
-                        swap = positions[a, axis] > positions[b, axis]
-                        break
-                if swap:
-                    corners[slot, j], corners[slot, j + 1] = corners[slot, j + 1], corners[slot, j]
-        for k in range(3):
-            for axis in range(3):
-                vertices[slot, 3 * k + axis] = positions[faces[face, corners[slot, k]], axis]
-
-
 def shape_bounds(
     kind: NDArray[np.int32], origin: NDArray[np.float64], to_world: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -273,7 +244,9 @@ def build_bvh(
     shape_origin: NDArray[np.float64],
     shape_to_world: NDArray[np.float64],
 ) -> Bvh:
-    """Build the hierarchy over all triangles and finite shapes of a scene; ``CompiledScene(**bvh._asdict(), ...)``.
+    """Build the hierarchies over the triangles and the finite shapes of a scene.
+
+    ``CompiledScene(**bvh._asdict(), ...)`` takes what it returns.
 
     Parameters
     ----------
@@ -295,24 +268,18 @@ def build_bvh(
     """
     positions = np.ascontiguousarray(vertex_positions, np.float64)
     faces = np.ascontiguousarray(face_vertices, np.int32)
-    n_triangles = len(faces)
-    n = n_triangles + len(shape_kind)
-    if n_triangles and not (faces.min() >= 0 and faces.max() < len(positions)):
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(positions)):
         raise ValueError("a face names a vertex that does not exist")
-    bounds = np.empty((n, 6))
-    for axis in range(3):
-        # One axis at a time: (n_triangles, 3) numbers at once, not nine.
+    bounds = shape_bounds(shape_kind, shape_origin, shape_to_world)
+    root = np.array([bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)])
+    for axis in range(3):  # one axis at a time: (n_triangles, 3) numbers at once, not nine
         coordinates = positions[:, axis][faces]
-        bounds[:n_triangles, axis] = coordinates.min(axis=1) if n_triangles else 0.0
-        bounds[:n_triangles, 3 + axis] = coordinates.max(axis=1) if n_triangles else 0.0
-    bounds[n_triangles:] = shape_bounds(shape_kind, shape_origin, shape_to_world)
-    if not np.isfinite(bounds).all():
+        root[0, axis] = min(root[0, axis], coordinates.min(initial=np.inf))
+        root[1, axis] = max(root[1, axis], coordinates.max(initial=-np.inf))
+    if not (np.isfinite(root).all() or len(faces) + len(shape_kind) == 0):
         raise ValueError("a coordinate is not finite")
+    tree = build_wide(positions, faces).buffer
     node_bounds, children, slots, depth = _build(bounds)
     if depth > MAX_DEPTH:
         raise AssertionError(f"hierarchy of depth {depth}")
-    vertices = np.zeros((n, 9))
-    corners = np.zeros((n, 3), np.int8)
-    _fill_slots(positions, faces, slots, vertices, corners)
-    root = np.array([bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)])
-    return Bvh(node_bounds, children, slots, vertices, corners, root)
+    return Bvh(tree, node_bounds, children, slots, root)

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from tracer.geometry.quadric import Crossings, cross_unit_sphere, cross_unit_tube
 from tracer.geometry.rounding import gamma
-from tracer.geometry.vector import at, dot, normalize, subtract
+from tracer.geometry.vector import dot, normalize, subtract
 from tracer.jit import inline, kernel
 from tracer.types import (
     SHAPE_BOX,
@@ -236,29 +236,3 @@ def locate_on_plane(point: Vec3, normal: Vec3, uv: Any, i: int, o: Vec3, d: Vec3
     u = uv[i] * offset.x + uv[i + 1] * offset.y + uv[i + 2] * offset.z
     v = uv[i + 3] * offset.x + uv[i + 4] * offset.y + uv[i + 5] * offset.z
     return SurfacePoint(p, error, normal, u, v)
-
-
-@inline
-def locate_on_triangle(positions: Any, i0: int, i1: int, i2: int, b1: float, b2: float) -> SurfacePoint:
-    """Find the point with weights 1 - b1 - b2, b1, b2; u and v are the weights of the second and third vertex."""
-    p0 = at(positions, 3 * i0)
-    p1 = at(positions, 3 * i1)
-    p2 = at(positions, 3 * i2)
-    b0 = 1.0 - b1 - b2
-    position = Vec3(
-        b0 * p0.x + b1 * p1.x + b2 * p2.x, b0 * p0.y + b1 * p1.y + b2 * p2.y, b0 * p0.z + b1 * p1.z + b2 * p2.z
-    )
-    e1 = subtract(p1, p0)
-    e2 = subtract(p2, p0)
-    extent = max(abs(e1.x), abs(e1.y), abs(e1.z), abs(e2.x), abs(e2.y), abs(e2.z))
-    # gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this
-    # triangle's and its neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the
-    # world's origin.
-    reach = _GAMMA_8 * extent
-    error = Vec3(
-        _GAMMA_7 * (abs(b0 * p0.x) + abs(b1 * p1.x) + abs(b2 * p2.x)) + reach,
-        _GAMMA_7 * (abs(b0 * p0.y) + abs(b1 * p1.y) + abs(b2 * p2.y)) + reach,
-        _GAMMA_7 * (abs(b0 * p0.z) + abs(b1 * p1.z) + abs(b2 * p2.z)) + reach,
-    )
-    normal = normalize(Vec3(e1.y * e2.z - e1.z * e2.y, e1.z * e2.x - e1.x * e2.z, e1.x * e2.y - e1.y * e2.x))
-    return SurfacePoint(position, error, normal, b1, b2)

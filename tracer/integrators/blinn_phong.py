@@ -1,7 +1,9 @@
-"""The report's recursive integrator, without recursion: direct light at every hit, mirror and refraction bounces.
+"""The report's recursive integrator, without recursion and 64 rays at a time: direct light at every hit, then bounces.
 
-Rays wait on a small stack with their throughput, the product of kr or kt and of the attenuations on the way. Depth
-first and in a fixed order, so sums do not depend on anything but the scene and the ray.
+Bounces wait on two stacks (mirrored, transmitted) with their throughput, the product of kr or kt and of the
+attenuations on the way, and are taken off up to 64 at a time, deepest first: neighbours left the same surface and
+travel well together, and the stacks stay small. The order is fixed, so a sample's sum depends on nothing but the wave
+it is in.
 
 Semantics where the report leaves a choice:
 
@@ -15,63 +17,57 @@ Semantics where the report leaves a choice:
 Source: [farmer2019 eq. 9-18].
 """
 
-from typing import Final
+from typing import Any, Final
 
-from tracer.accel.traverse import closest_hit, transmit
-from tracer.geometry.vector import add, at, dot, is_black, largest, multiply, negate, scale
-from tracer.integrators.scratch import PENDING_COLUMNS, PENDING_DEPTH, PENDING_MATERIAL, PENDING_SKIP, Scratch
-from tracer.jit import inline, int64
-from tracer.rays.spawn import offset_origin
-from tracer.shading.lights import see_light, shadow_ray
-from tracer.shading.phong import (
-    attenuation,
-    attenuation_bound,
-    emit,
-    half_vector,
-    reflect_ambient,
-    reflect_diffuse,
-    reflect_direction,
-    reflect_specular,
-    refract_direction,
-    weigh_reflected,
-    weigh_transmitted,
+from tracer.accel.traverse import closest_shape, shade_by_shapes
+from tracer.geometry.vector import add, at, is_black, multiply, scale
+from tracer.integrators.bounces import make_bounces, take_bounces
+from tracer.integrators.scratch import WAVE, Scratch
+from tracer.jit import inline, int64, kernel
+from tracer.rays.bundle import trace_bundle
+from tracer.rays.packet import CLOSEST, SHADE
+from tracer.rays.rows import (
+    ALL,
+    INTEGERS,
+    LANES,
+    LIGHT,
+    NIBBLE,
+    ORIGIN,
+    PACKET,
+    PRIMITIVE,
+    ROW,
+    SKIP,
+    STEP,
+    T_BEST,
+    VECTOR,
+    VECTORS,
+    mask_of,
+    put,
 )
-from tracer.shading.surface import Surface, make_surface
+from tracer.shading.direct import add_light, face_light
+from tracer.shading.lights import shadow_ray
+from tracer.shading.phong import attenuation
+from tracer.shading.rows import COLOR, DIRECTION, FROM, SAMPLE, THROUGHPUT, lane_at, put_lane, put_vector, spread
+from tracer.shading.surfaces import fill_surfaces
+from tracer.simd import count_trailing_zeros, load, mask_to_bits, population_count, splat, store
+from tracer.simd.gateway import types
 from tracer.types import (
     COUNTERS,
-    FLAG_TWO_SIDED,
     LIGHT_AMBIENT,
-    LIGHT_DIFFUSE,
-    LIGHT_SPECULAR,
-    LIMIT_MIN_THROUGHPUT,
     MATERIAL_A,
     MATERIAL_B,
     MATERIAL_C,
-    MATERIAL_ETA,
-    MATERIAL_EXPONENT,
-    MATERIAL_KA,
-    MATERIAL_KD,
-    MATERIAL_KE,
-    MATERIAL_KR,
-    MATERIAL_KS,
-    MATERIAL_KT,
     N_LIGHT,
     N_MATERIAL,
-    N_MATERIAL_FLAGS,
-    SETTING_MAX_DEPTH,
     SETTING_SHADOWS,
     SceneView,
     Vec3,
 )
 
+_float64: Final = types.float64
+_int64: Final = types.int64
+
 _SHADOW_RAYS: Final = COUNTERS.index("shadow_rays")
-_REFLECTION_RAYS: Final = COUNTERS.index("reflection_rays")
-_TRANSMISSION_RAYS: Final = COUNTERS.index("transmission_rays")
-_SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
-_SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
-_CACHE_HITS: Final = COUNTERS.index("occluder_cache_hits")
-_SKIPPED_DEPTH: Final = COUNTERS.index("bounces_skipped_depth")
-_SKIPPED_THROUGHPUT: Final = COUNTERS.index("bounces_skipped_throughput")
 
 
 @inline
@@ -83,94 +79,125 @@ def total_ambient(view: SceneView) -> Vec3:
     return total
 
 
-@inline
-def _attenuate(view: SceneView, material: int, distance: float) -> float:
-    """Attenuation of a material over a distance."""
-    i = N_MATERIAL * material
-    return attenuation(
-        view.materials[i + MATERIAL_A], view.materials[i + MATERIAL_B], view.materials[i + MATERIAL_C], distance
-    )
-
-
-@inline
-def _light_surface(view: SceneView, surface: Surface, n: Vec3, v: Vec3, scratch: Scratch) -> Vec3:
-    """Sum of Id and Is over the lights [farmer2019 eq. 11, 12], shadow rays traced."""
-    i = N_MATERIAL * surface.material
-    kd = multiply(at(view.materials, i + MATERIAL_KD), surface.tint)
-    ks = at(view.materials, i + MATERIAL_KS)
-    total = Vec3(0.0, 0.0, 0.0)
-    for light in range(view.n_lights):
-        kind = view.light_kind[light]
-        sight = see_light(view.lights, kind, light, surface.position)
-        n_dot_l = dot(n, sight.to_light)
-        if not n_dot_l > 0.0:
-            scratch.counters[_SKIPPED_FACING] += 1
-            continue
-        diffuse = multiply(kd, at(view.lights, N_LIGHT * light + LIGHT_DIFFUSE))
-        specular = multiply(ks, at(view.lights, N_LIGHT * light + LIGHT_SPECULAR))
-        strength = sight.cone * _attenuate(view, surface.material, sight.distance)
-        if not strength > 0.0 or (is_black(diffuse) and is_black(specular)):
-            scratch.counters[_SKIPPED_BLACK] += 1
-            continue
-        arriving = Vec3(strength, strength, strength)
-        if view.settings[SETTING_SHADOWS] != 0:
-            scratch.counters[_SHADOW_RAYS] += 1
-            origin = offset_origin(surface.position, surface.error, surface.geometric, sight.to_light)
-            direction, t_max = shadow_ray(view.lights, kind, light, origin)
-            shadow = transmit(
-                view, origin, direction, t_max, surface.skip, int64(scratch.occluders[light]), scratch.stack
-            )
-            scratch.occluders[light] = shadow.occluder
-            if shadow.from_cache:
-                scratch.counters[_CACHE_HITS] += 1
-            arriving = Vec3(strength * shadow.red, strength * shadow.green, strength * shadow.blue)
-            if is_black(arriving):
-                continue
-        total = add(
-            total, multiply(reflect_diffuse(kd, at(view.lights, N_LIGHT * light + LIGHT_DIFFUSE), n_dot_l), arriving)
+@kernel
+def _meet_shapes(view: SceneView, scratch: Scratch, lanes: int) -> None:
+    """Go on from the nearest triangles to the nearest primitives."""
+    while lanes != 0:
+        ray = scratch.hits + 8 * count_trailing_zeros(lanes)
+        lanes &= lanes - 1
+        hit = closest_shape(
+            view,
+            lane_at(ray + ORIGIN),
+            lane_at(ray + DIRECTION),
+            load(_int64, ray + SKIP),
+            load(_float64, ray + T_BEST),
+            load(_int64, ray + PRIMITIVE),
+            scratch.stack,
         )
-        if not is_black(specular):
-            n_dot_h = dot(n, half_vector(sight.to_light, v))
-            highlight = reflect_specular(
-                ks, at(view.lights, N_LIGHT * light + LIGHT_SPECULAR), n_dot_h, view.materials[i + MATERIAL_EXPONENT]
+        store(ray + T_BEST, hit.t)
+        store(ray + PRIMITIVE, hit.primitive)
+
+
+@kernel
+def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) -> Any:
+    """Multiply the light of shadow rays by what shapes and planes let through; returns those left in the dark."""
+    dark = _int64(0)
+    while lanes != 0:
+        lane = count_trailing_zeros(lanes)
+        lanes &= lanes - 1
+        ray = scratch.shadows + 8 * lane
+        o = lane_at(ray + ORIGIN)
+        d, t_max = shadow_ray(view.lights, view.light_kind[light], light, o)
+        left = shade_by_shapes(view, o, d, t_max, load(_int64, ray + SKIP), lane_at(ray + LIGHT), scratch.stack)
+        put_lane(ray + LIGHT, left)
+        if is_black(left):
+            dark |= _int64(1) << lane
+    return dark
+
+
+@inline
+def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
+    """Trace the rays; returns those that have met something."""
+    hits = scratch.hits
+    trace_bundle(scratch.tree, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
+    if view.n_shapes + view.n_planes > 0:
+        _meet_shapes(view, scratch, lanes)
+    met = _int64(0)
+    nothing = splat(INTEGERS, _int64(0))
+    for i in range(VECTORS):
+        if (lanes >> (LANES * i)) & NIBBLE != 0:
+            met |= mask_to_bits(load(INTEGERS, hits + PRIMITIVE + STEP * i) >= nothing) << (LANES * i)
+    return met & lanes
+
+
+@inline
+def _light_hits(view: SceneView, scratch: Scratch, lanes: int) -> None:
+    """Add the light that comes straight from the lamps, shadow rays traced."""
+    for light in range(view.n_lights):
+        lit = face_light(view, light, scratch.hits, scratch.shadows, lanes, scratch.counters)
+        if view.settings[SETTING_SHADOWS] != 0 and lit != 0:
+            scratch.counters[_SHADOW_RAYS] += population_count(lit)
+            lit &= ~trace_bundle(
+                scratch.tree,
+                scratch.shadows,
+                lit,
+                int64(SHADE),
+                scratch.kt,
+                scratch.face_material,
+                int64(8 * N_MATERIAL),
             )
-            total = add(total, multiply(highlight, arriving))
-    return total
+            if view.n_shapes + view.n_planes > 0:
+                lit &= ~_shade_by_shapes(view, scratch, light, lit)
+        if lit != 0:
+            add_light(view, light, scratch.hits, scratch.shadows, lit)
 
 
 @inline
-def _push(
-    view: SceneView, scratch: Scratch, top: int, surface: Surface, d: Vec3, throughput: Vec3, depth: int, counter: int
-) -> int:
-    """Put a bounce on the stack, unless it is too deep or too weak; return the new height."""
-    if depth > view.settings[SETTING_MAX_DEPTH]:
-        scratch.counters[_SKIPPED_DEPTH] += 1
-        return top
-    bound = attenuation_bound(view.materials[N_MATERIAL * surface.material + MATERIAL_A])
-    if largest(throughput) * bound < view.limits[LIMIT_MIN_THROUGHPUT]:
-        scratch.counters[_SKIPPED_THROUGHPUT] += 1
-        return top
-    scratch.counters[counter] += 1
-    o = offset_origin(surface.position, surface.error, surface.geometric, d)
-    i = PENDING_COLUMNS * top
-    scratch.pending[i] = o.x
-    scratch.pending[i + 1] = o.y
-    scratch.pending[i + 2] = o.z
-    scratch.pending[i + 3] = d.x
-    scratch.pending[i + 4] = d.y
-    scratch.pending[i + 5] = d.z
-    scratch.pending[i + 6] = throughput.x
-    scratch.pending[i + 7] = throughput.y
-    scratch.pending[i + 8] = throughput.z
-    scratch.pending[i + PENDING_DEPTH] = depth
-    scratch.pending[i + PENDING_MATERIAL] = surface.material
-    scratch.pending[i + PENDING_SKIP] = surface.skip
-    return top + 1
+def _attenuate_throughput(view: SceneView, scratch: Scratch, lanes: int) -> None:
+    """Weaken bounces by the way that they went, which is known only now [farmer2019 eq. 14, 15]."""
+    none = splat(INTEGERS, _int64(0))
+    for k in range(VECTORS):
+        bits = (lanes >> (LANES * k)) & NIBBLE
+        bits &= mask_to_bits(load(INTEGERS, scratch.hits + FROM + STEP * k) >= none)
+        while bits != 0:
+            ray = scratch.hits + STEP * k + 8 * count_trailing_zeros(bits)
+            bits &= bits - 1
+            i = N_MATERIAL * load(_int64, ray + FROM)
+            share = attenuation(
+                view.materials[i + MATERIAL_A],
+                view.materials[i + MATERIAL_B],
+                view.materials[i + MATERIAL_C],
+                load(_float64, ray + T_BEST),
+            )
+            put_lane(ray + THROUGHPUT, scale(lane_at(ray + THROUGHPUT), share))
 
 
 @inline
-def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3, scratch: Scratch) -> Vec3:
-    """Find the colour I of a ray [farmer2019 eq. 9].
+def _collect(scratch: Scratch, lanes: int, start: int) -> None:
+    """Add COLOR, weighted by the throughput, to the rays' samples."""
+    if start >= 0:  # camera rays: each has a sample of its own, side by side
+        for k in range(VECTORS):
+            if (lanes >> (LANES * k)) & NIBBLE != 0:
+                mask = mask_of(lanes, k)
+                ray = scratch.hits + COLOR + STEP * k
+                place = scratch.radiance + 8 * start + STEP * k
+                for channel in range(3):
+                    put(place + 8 * WAVE * channel, mask, load(VECTOR, ray + channel * ROW))
+        return
+    while lanes != 0:
+        lane = count_trailing_zeros(lanes)
+        lanes &= lanes - 1
+        ray = scratch.hits + 8 * lane
+        weighted = multiply(lane_at(ray + THROUGHPUT), lane_at(ray + COLOR))
+        place = scratch.radiance + 8 * load(_int64, ray + SAMPLE)
+        store(place, load(_float64, place) + weighted.x)
+        store(place + 8 * WAVE, load(_float64, place + 8 * WAVE) + weighted.y)
+        store(place + 16 * WAVE, load(_float64, place + 16 * WAVE) + weighted.z)
+
+
+@kernel
+def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int, start: int) -> None:
+    """Find the colour I of rays [farmer2019 eq. 9], and add it to their samples; bounces are put on the stacks.
 
     Parameters
     ----------
@@ -178,64 +205,36 @@ def trace_radiance(view: SceneView, ambient: Vec3, origin: Vec3, direction: Vec3
         The scene.
     ambient
         :func:`total_ambient` of it.
-    origin, direction : Vec3
-        World ray, direction unit.
     scratch
-        Used and overwritten; counters are added to.
-
-    Returns
-    -------
-    Vec3
-        Linear RGB, not clamped.
+        ``hits`` holds the rays: ORIGIN, DIRECTION (unit), SHEAR, SPEED, AXIS, SKIP, THROUGHPUT, SAMPLE, DEPTH, FROM;
+        T_BEST infinite and PRIMITIVE -1.
+    lanes
+        The rays.
+    start
+        For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``. For bounces -1.
     """
-    total = Vec3(0.0, 0.0, 0.0)
-    o = origin
-    d = direction
-    throughput = Vec3(1.0, 1.0, 1.0)
-    depth = int64(0)
-    skip = int64(-1)  # not literals: numba would compile a copy of what they are handed to
-    from_material = int64(-1)
-    top = int64(0)
+    met = _find_hits(view, scratch, lanes)
+    if start < 0:
+        _attenuate_throughput(view, scratch, lanes)
+    missed = lanes & ~met
+    if missed != 0:
+        background = spread(at(view.background, 0))
+        for k in range(VECTORS):
+            put_vector(scratch.hits + COLOR + STEP * k, mask_of(missed, k), background)
+    behind = _int64(0)
+    if met != 0:
+        behind = fill_surfaces(view, ambient, scratch.hits, met)
+        _light_hits(view, scratch, met)
+    _collect(scratch, lanes, start)
+    if met != 0:
+        make_bounces(view, scratch, met, behind)
+
+
+@kernel
+def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
+    """Trace all bounces that wait, and theirs; parameters as `trace_radiance`."""
     while True:
-        hit = closest_hit(view, o, d, skip, scratch.stack, scratch.stack_t)
-        if from_material >= 0:  # the distance travelled is known only now
-            throughput = scale(throughput, _attenuate(view, from_material, hit.t))
-        if hit.primitive < 0:
-            total = add(total, multiply(throughput, at(view.background, 0)))
-        else:
-            surface = make_surface(view, hit, o, d)
-            behind = dot(surface.geometric, d) > 0.0
-            two_sided = view.material_flags[N_MATERIAL_FLAGS * surface.material + FLAG_TWO_SIDED] != 0
-            n = negate(surface.shading) if behind and two_sided else surface.shading
-            i = N_MATERIAL * surface.material
-            ka = multiply(at(view.materials, i + MATERIAL_KA), surface.tint)
-            local = add(reflect_ambient(ka, ambient), emit(at(view.materials, i + MATERIAL_KE)))
-            local = add(local, _light_surface(view, surface, n, negate(d), scratch))
-            total = add(total, multiply(throughput, local))
-            # eq. 14 and 15: what comes back is weighted by kr or kt now and attenuated when the distance is known.
-            kr = at(view.materials, i + MATERIAL_KR)
-            kt = at(view.materials, i + MATERIAL_KT)
-            mirrored = kr
-            if not is_black(kt):
-                eta = view.materials[i + MATERIAL_ETA]
-                facing = negate(surface.shading) if behind else surface.shading
-                through, u_t = refract_direction(d, facing, eta if behind else 1.0 / eta)
-                if through:
-                    weight = weigh_transmitted(kt, throughput, 1.0)
-                    top = _push(view, scratch, top, surface, u_t, weight, depth + 1, int64(_TRANSMISSION_RAYS))
-                else:
-                    mirrored = add(kr, kt)
-            if not is_black(mirrored):
-                weight = weigh_reflected(mirrored, throughput, 1.0)
-                u_r = reflect_direction(d, n)
-                top = _push(view, scratch, top, surface, u_r, weight, depth + 1, int64(_REFLECTION_RAYS))
-        if top == 0:
-            return total
-        top -= 1
-        i = PENDING_COLUMNS * top
-        o = at(scratch.pending, i)
-        d = at(scratch.pending, i + 3)
-        throughput = at(scratch.pending, i + 6)
-        depth = int64(scratch.pending[i + PENDING_DEPTH])
-        from_material = int64(scratch.pending[i + PENDING_MATERIAL])
-        skip = int64(scratch.pending[i + PENDING_SKIP])
+        n = take_bounces(view, scratch)
+        if n == 0:
+            return
+        trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1))

@@ -1,7 +1,7 @@
 """Does a ray meet a triangle? The one definition, in scalars; every path computes the same floats or calls it.
 
 In float64 and without fused multiply-add, per ray: kz is the axis of the largest direction component, kx and ky the
-next two in cyclic order, Sx = d.kx / d.kz, Sy = d.ky / d.kz, Sz = 1 / d.kz. Per vertex (Woop et al. 2013)::
+next two in cyclic order, Sz = 1 / d.kz, Sx = d.kx Sz, Sy = d.ky Sz. Per vertex (Woop et al. 2013)::
 
     z = v.kz - o.kz      x = (v.kx - o.kx) - Sx z      y = (v.ky - o.ky) - Sy z
 
@@ -186,10 +186,13 @@ def shear_of(dx: float, dy: float, dz: float) -> Any:
     """Return (kx, ky, kz, Sx, Sy, Sz) of a direction."""
     x, y, z = abs(dx), abs(dy), abs(dz)
     if z >= x and z >= y:
-        return 0, 1, 2, dx / dz, dy / dz, 1.0 / dz
+        inverse = 1.0 / dz
+        return 0, 1, 2, dx * inverse, dy * inverse, inverse
     if y >= x:
-        return 2, 0, 1, dz / dy, dx / dy, 1.0 / dy
-    return 1, 2, 0, dy / dx, dz / dx, 1.0 / dx
+        inverse = 1.0 / dy
+        return 2, 0, 1, dz * inverse, dx * inverse, inverse
+    inverse = 1.0 / dx
+    return 1, 2, 0, dy * inverse, dz * inverse, inverse
 
 
 @inline

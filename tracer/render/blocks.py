@@ -1,29 +1,51 @@
 """The kernel: blocks of 16 x 16 pixels, from camera ray to compensated sums.
 
-Invariants: a pixel's sums depend on the scene, the pixel and the sample range alone, not on the block, its order,
-or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once. The cancel flag
-is read before every row of a block and every 512 samples of a pixel, so a cancel is seen within a few milliseconds.
+A block is rendered in waves of up to 1024 samples: camera rays 64 at a time, the samples of neighbouring pixels
+together, then all their bounces. Pixels follow each other along a Z curve, so that what is near in a wave is near in
+the picture.
 
-Source: Neumaier 1974 (summation). See ARCHITECTURE.md, "Three seams".
+Invariants: a pixel's sums depend on the scene, the block and the sample range alone, not on the other blocks of the
+call, their order, or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once.
+The cancel flag is read before every wave, so a cancel is seen within a few milliseconds.
+
+Sources: Neumaier 1974, Knuth (summation); Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
 """
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracer.accel.view import view_scene
-from tracer.geometry.vector import at
-from tracer.integrators.blinn_phong import total_ambient, trace_radiance
-from tracer.integrators.scratch import allocate, make_scratch
+from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
+from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.jit import inline, int64, kernel, pointer
-from tracer.rays.camera import camera_ray, unit_ray
+from tracer.rays.camera_lanes import fill_camera_rays
 from tracer.rays.frustum import misses_bounds
+from tracer.rays.rows import (
+    ALL,
+    INTEGERS,
+    LANES,
+    ORIGIN,
+    PACKET,
+    PRIMITIVE,
+    RAY_ROWS,
+    ROW,
+    SKIP,
+    STEP,
+    T_BEST,
+    VECTOR,
+    shear_lanes,
+)
 from tracer.sampling.hashing import pixel_key
-from tracer.sampling.sampler import sample_keyed
+from tracer.sampling.lanes import fill_samples
+from tracer.shading.rows import DEPTH, DIRECTION, FROM, HIT_ROWS, SAMPLE, THROUGHPUT
+from tracer.simd import address_of, int32x4, iota, load, splat, stack_memory, store
+from tracer.simd.gateway import types
 from tracer.types import (
     BLOCK_PX,
     COUNTERS,
+    MATERIAL_KT,
     SETTING_CAMERA,
     SETTING_CROP_HEIGHT,
     SETTING_CROP_WIDTH,
@@ -37,12 +59,22 @@ from tracer.types import (
     SETTING_SKIP,
     SETTING_WIDTH,
     CompiledScene,
+    SceneView,
+    Vec3,
 )
 
+_float64: Final = types.float64
+_int32: Final = types.int32
+_int64: Final = types.int64
 _SAMPLES: Final = COUNTERS.index("samples")
 _PRIMARY_RAYS: Final = COUNTERS.index("primary_rays")
 _PIXELS_SKIPPED: Final = COUNTERS.index("pixels_skipped_background")
-_POLL_SAMPLES: Final = 512  # samples of a pixel between two looks at the cancel flag
+_BLOCK_PIXELS: Final = BLOCK_PX * BLOCK_PX
+_SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
+_HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
+_PLACE_BYTES: Final = 2 * ROW
+_WORD_BYTES: Final = 4 * PACKET
+_SUM_BYTES: Final = 2 * STEP
 
 
 @inline
@@ -54,6 +86,258 @@ def add_compensated(total: float, rest: float, value: float) -> tuple[float, flo
     else:
         rest += (value - new) + total
     return new, rest
+
+
+@inline
+def _add_up(values: int, n: int, parity: int, sums: Any, place: int) -> None:
+    """Add samples of a pixel and channel to its sums: those of even number at ``place``, of odd number 3 further.
+
+    What the roundings lost goes 6 further. Four samples at a time, then the lanes and the rest one by one.
+    """
+    lanes = stack_memory(_SUM_BYTES)
+    whole = n - n % LANES
+    if whole > 0:
+        total = load(VECTOR, values)
+        rest = splat(VECTOR, 0.0)
+        for k in range(LANES, whole, LANES):
+            value = load(VECTOR, values + 8 * k)
+            new = total + value
+            back = new - total  # Knuth's two-sum: exact whichever is larger
+            rest = rest + ((total - (new - back)) + (value - back))
+            total = new
+        store(lanes, total)
+        store(lanes + STEP, rest)
+        for k in range(LANES):
+            i = place + 3 * ((parity + k) % 2)
+            sums[i], lost = add_compensated(sums[i], sums[i + 6], load(_float64, lanes + 8 * k))
+            sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)
+    for k in range(whole, n):
+        i = place + 3 * ((parity + k) % 2)
+        sums[i], sums[i + 6] = add_compensated(sums[i], sums[i + 6], load(_float64, values + 8 * k))
+
+
+@inline
+def _even_bits(code: int) -> int:
+    """Gather bits 0, 2, 4, 6: a coordinate on the Z curve."""
+    return (code & 1) | ((code >> 1) & 2) | ((code >> 2) & 4) | ((code >> 3) & 8)
+
+
+@kernel
+def _trace_camera_rays(
+    view: SceneView,
+    ambient: Vec3,
+    scratch: Scratch,
+    pixels: Any,
+    first_pixel: int,
+    first: int,
+    start: int,
+    n: int,
+    per_pixel: int,
+) -> None:
+    """Trace up to 64 camera rays.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As `trace_radiance`.
+    pixels
+        Flat int64: x, y and key of each pixel of the wave.
+    first_pixel, first
+        Pixel and sample of the first ray.
+    start
+        Its number in the wave.
+    n, per_pixel
+        Rays; samples of a pixel in this wave. The next pixel follows when one's are through.
+    """
+    settings = view.settings
+    sampler, n_samples = settings[SETTING_SAMPLER], settings[SETTING_SAMPLES]
+    places = stack_memory(_PLACE_BYTES)
+    keys = stack_memory(_WORD_BYTES)
+    indices = stack_memory(_WORD_BYTES)
+    hits = scratch.hits
+    pixel, index = 3 * first_pixel, first
+    if per_pixel % LANES == 0 and n % LANES == 0:  # four samples of one pixel at a time
+        following = iota(int32x4)
+        for k in range(0, n, LANES):
+            store(keys + 4 * k, splat(int32x4, _int32(pixels[pixel + 2])))
+            store(indices + 4 * k, following + splat(int32x4, _int32(index)))
+            store(places + 8 * k, splat(VECTOR, _float64(pixels[pixel])))
+            store(places + ROW + 8 * k, splat(VECTOR, _float64(pixels[pixel + 1])))
+            index += LANES
+            if index == first + per_pixel:
+                pixel, index = pixel + 3, first
+    else:
+        for k in range(n):
+            store(keys + 4 * k, _int32(pixels[pixel + 2]))
+            store(indices + 4 * k, _int32(index))
+            store(places + 8 * k, _float64(pixels[pixel]))
+            store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
+            index += 1
+            if index == first + per_pixel:
+                pixel, index = pixel + 3, first
+    us, vs = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free until the rays are there
+    fill_samples(sampler, n_samples, n, keys, indices, us, vs)
+    for k in range(0, 8 * n, STEP):
+        store(places + k, load(VECTOR, places + k) + load(VECTOR, us + k))
+        store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, vs + k))
+    fill_camera_rays(
+        view.camera,
+        settings[SETTING_CAMERA],
+        settings[SETTING_WIDTH],
+        settings[SETTING_HEIGHT],
+        n,
+        places,
+        hits + ORIGIN,
+        hits + DIRECTION,
+    )
+    one, none = splat(VECTOR, 1.0), splat(INTEGERS, _int64(-1))
+    number = iota(INTEGERS) + splat(INTEGERS, start)
+    for k in range((n + 3) // 4):
+        at_lanes = hits + STEP * k
+        d = at_lanes + DIRECTION
+        shear_lanes(hits, k, load(VECTOR, d), load(VECTOR, d + ROW), load(VECTOR, d + 2 * ROW))
+        store(at_lanes + T_BEST, splat(VECTOR, np.inf))
+        store(at_lanes + PRIMITIVE, none)
+        store(at_lanes + SKIP, none)
+        store(at_lanes + THROUGHPUT, one)
+        store(at_lanes + THROUGHPUT + ROW, one)
+        store(at_lanes + THROUGHPUT + 2 * ROW, one)
+        store(at_lanes + SAMPLE, number + splat(INTEGERS, _int64(4) * k))
+        store(at_lanes + DEPTH, none + splat(INTEGERS, _int64(1)))
+        store(at_lanes + FROM, none)
+    trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
+
+
+@kernel
+def _render_wave(
+    view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int, first: int, end: int, sums: Any
+) -> None:
+    """Render samples first..end of some pixels and add them to the sums.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As `trace_radiance`.
+    pixels, n_pixels
+        As `_trace_camera_rays`.
+    first, end
+        ``n_pixels * (end - first) <= WAVE``.
+    sums
+        Flat float64, for each pixel of the wave 12 numbers: R, G, B of even samples, of odd ones, and what the
+        roundings of these six lost.
+    """
+    per_pixel = end - first
+    n = n_pixels * per_pixel
+    for k in range(n):
+        store(scratch.radiance + 8 * k, 0.0)
+        store(scratch.radiance + 8 * (WAVE + k), 0.0)
+        store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
+    if per_pixel >= PACKET:
+        for pixel in range(n_pixels):
+            for start in range(0, per_pixel, PACKET):
+                rays = min(PACKET, per_pixel - start)
+                number = pixel * per_pixel + start
+                _trace_camera_rays(view, ambient, scratch, pixels, pixel, first + start, number, rays, per_pixel)
+    else:
+        together = PACKET // per_pixel
+        for pixel in range(0, n_pixels, together):
+            rays = min(together, n_pixels - pixel) * per_pixel
+            _trace_camera_rays(view, ambient, scratch, pixels, pixel, first, pixel * per_pixel, rays, per_pixel)
+    trace_bounces(view, ambient, scratch)
+    for pixel in range(n_pixels):
+        for channel in range(3):
+            values = scratch.radiance + 8 * (WAVE * channel + pixel * per_pixel)
+            _add_up(values, per_pixel, first % 2, sums, 12 * pixel + channel)
+
+
+@kernel
+def _render(
+    scene: CompiledScene,
+    blocks: NDArray[np.int32],
+    first_sample: int,
+    end_sample: int,
+    cancel: NDArray[np.int64],
+    sums: NDArray[np.float64],
+    counters: NDArray[np.int64],
+    memory: NDArray[np.float64],
+    words: NDArray[np.int64],
+) -> bool:
+    """Do what `render_blocks` does in memory that its caller keeps alive: numba frees an array after its last use."""
+    view = view_scene(scene)
+    settings = view.settings
+    hits = (address_of(memory) + 63) & ~63
+    shadows = hits + HIT_ROWS * ROW
+    radiance = shadows + RAY_ROWS * ROW
+    scratch = Scratch(
+        hits,
+        shadows,
+        radiance,
+        radiance + 8 * 3 * WAVE,
+        8 * capacity(settings[SETTING_MAX_DEPTH]),
+        address_of(words),
+        8 * (settings[SETTING_MAX_DEPTH] + 2),
+        address_of(scene.tree),
+        address_of(scene.materials) + 8 * MATERIAL_KT,
+        address_of(scene.face_material),
+        pointer(words[2 * (settings[SETTING_MAX_DEPTH] + 2) :]),
+        pointer(counters),
+    )
+    flag = pointer(cancel)
+    ambient = total_ambient(view)
+    wave_pixels = np.empty((_BLOCK_PIXELS, 3), np.int64)
+    wave_sums = np.empty((_BLOCK_PIXELS, 12))
+    width, height, kind = settings[SETTING_WIDTH], settings[SETTING_HEIGHT], settings[SETTING_CAMERA]
+    crop_x, crop_y = settings[SETTING_CROP_X], settings[SETTING_CROP_Y]
+    crop_end_x, crop_end_y = crop_x + settings[SETTING_CROP_WIDTH], crop_y + settings[SETTING_CROP_HEIGHT]
+    may_skip = settings[SETTING_SKIP] != 0 and view.n_planes == 0
+    n_taken = end_sample - first_sample
+    n_even = (end_sample + 1) // 2 - (first_sample + 1) // 2
+    for block in range(blocks.shape[0]):
+        x0 = BLOCK_PX * int64(blocks[block, 0])
+        y0 = BLOCK_PX * int64(blocks[block, 1])
+        if flag[0] != 0:
+            return False
+        block_empty = may_skip and misses_bounds(
+            view.camera, kind, x0, y0, x0 + BLOCK_PX, y0 + BLOCK_PX, width, height, view.bvh_root
+        )
+        n_pixels = 0
+        empty = block_empty
+        for code in range(_BLOCK_PIXELS):
+            px, py = x0 + _even_bits(code), y0 + _even_bits(code >> 1)
+            if may_skip and not block_empty and code % _SQUARE == 0:  # the next 4 x 4 pixels
+                empty = misses_bounds(view.camera, kind, px, py, px + 4, py + 4, width, height, view.bvh_root)
+            if px < crop_x or px >= crop_end_x or py < crop_y or py >= crop_end_y:
+                continue
+            counters[_SAMPLES] += n_taken
+            if empty:
+                counters[_PIXELS_SKIPPED] += 1
+                for channel in range(3):
+                    sums[block, 0, py - y0, px - x0, channel] = n_even * view.background[channel]
+                    sums[block, 1, py - y0, px - x0, channel] = (n_taken - n_even) * view.background[channel]
+                continue
+            counters[_PRIMARY_RAYS] += n_taken
+            wave_pixels[n_pixels, 0] = px
+            wave_pixels[n_pixels, 1] = py
+            wave_pixels[n_pixels, 2] = int64(pixel_key(settings[SETTING_SEED], px, py, 0))
+            n_pixels += 1
+        wave_sums[:] = 0.0
+        together = max(1, WAVE // n_taken)
+        for start in range(0, n_pixels, together):
+            n = min(together, n_pixels - start)
+            for first in range(first_sample, end_sample, WAVE):
+                if flag[0] != 0:
+                    return False
+                end = min(end_sample, first + WAVE)
+                _render_wave(
+                    view, ambient, scratch, pointer(wave_pixels[start:]), n, first, end, pointer(wave_sums[start:])
+                )
+        for k in range(n_pixels):
+            row, column = wave_pixels[k, 1] - y0, wave_pixels[k, 0] - x0
+            for half in range(2):
+                for channel in range(3):
+                    i = 3 * half + channel
+                    sums[block, half, row, column, channel] = wave_sums[k, i] + wave_sums[k, i + 6]
+    return True
 
 
 @kernel
@@ -88,79 +372,5 @@ def render_blocks(
     bool
         False when canceled: ``sums`` is then incomplete.
     """
-    view = view_scene(scene)
-    settings = view.settings
-    stack, stack_t, pending, occluders = allocate(settings[SETTING_MAX_DEPTH], view.n_lights)
-    scratch = make_scratch(stack, stack_t, pending, occluders, counters)
-    flag = pointer(cancel)
-    out = pointer(sums)
-    where = pointer(blocks)
-    ambient = total_ambient(view)
-    background = at(view.background, 0)
-    width = settings[SETTING_WIDTH]
-    height = settings[SETTING_HEIGHT]
-    kind = settings[SETTING_CAMERA]
-    sampler = settings[SETTING_SAMPLER]
-    n_samples = settings[SETTING_SAMPLES]
-    seed = settings[SETTING_SEED]
-    crop_x = settings[SETTING_CROP_X]
-    crop_y = settings[SETTING_CROP_Y]
-    crop_end_x = crop_x + settings[SETTING_CROP_WIDTH]
-    crop_end_y = crop_y + settings[SETTING_CROP_HEIGHT]
-    may_skip = settings[SETTING_SKIP] != 0 and view.n_planes == 0
-    half_size = BLOCK_PX * BLOCK_PX * 3
-    for block in range(blocks.shape[0]):
-        x0 = BLOCK_PX * int64(where[2 * block])
-        y0 = BLOCK_PX * int64(where[2 * block + 1])
-        # Each block starts with an empty occluder cache, so that its counters do not depend on what was rendered
-        # before.
-        for light in range(view.n_lights):
-            scratch.occluders[light] = -1
-        block_empty = may_skip and misses_bounds(
-            view.camera, kind, x0, y0, x0 + BLOCK_PX, y0 + BLOCK_PX, width, height, view.bvh_root
-        )
-        for row in range(BLOCK_PX):
-            py = y0 + row
-            if py < crop_y or py >= crop_end_y:
-                continue
-            if flag[0] != 0:
-                return False
-            for column in range(BLOCK_PX):
-                px = x0 + column
-                if px < crop_x or px >= crop_end_x:
-                    continue
-                empty = block_empty or (
-                    may_skip and misses_bounds(view.camera, kind, px, py, px + 1, py + 1, width, height, view.bvh_root)
-                )
-                if empty:
-                    scratch.counters[_PIXELS_SKIPPED] += 1
-                key = pixel_key(seed, px, py, 0)
-                # Sums and what their roundings lost, of the even and the odd samples.
-                r0, g0, b0, r1, g1, b1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                r0_rest, g0_rest, b0_rest, r1_rest, g1_rest, b1_rest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for sample in range(first_sample, end_sample):
-                    color = background
-                    if not empty:
-                        if sample % _POLL_SAMPLES == _POLL_SAMPLES - 1 and flag[0] != 0:
-                            return False
-                        u, v = sample_keyed(sampler, key, sample, n_samples)
-                        ray = unit_ray(camera_ray(view.camera, kind, px + u, py + v, width, height))
-                        color = trace_radiance(view, ambient, ray.origin, ray.direction, scratch)
-                        scratch.counters[_PRIMARY_RAYS] += 1
-                    scratch.counters[_SAMPLES] += 1
-                    if sample % 2 == 0:
-                        r0, r0_rest = add_compensated(r0, r0_rest, color.x)
-                        g0, g0_rest = add_compensated(g0, g0_rest, color.y)
-                        b0, b0_rest = add_compensated(b0, b0_rest, color.z)
-                    else:
-                        r1, r1_rest = add_compensated(r1, r1_rest, color.x)
-                        g1, g1_rest = add_compensated(g1, g1_rest, color.y)
-                        b1, b1_rest = add_compensated(b1, b1_rest, color.z)
-                i = 2 * half_size * block + 3 * (BLOCK_PX * row + column)
-                out[i] = r0 + r0_rest
-                out[i + 1] = g0 + g0_rest
-                out[i + 2] = b0 + b0_rest
-                out[i + half_size] = r1 + r1_rest
-                out[i + half_size + 1] = g1 + g1_rest
-                out[i + half_size + 2] = b1 + b1_rest
-    return True
+    memory, words = allocate(scene.settings[SETTING_MAX_DEPTH])
+    return _render(scene, blocks, first_sample, end_sample, cancel, sums, counters, memory, words)

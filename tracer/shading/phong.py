@@ -1,24 +1,17 @@
-"""The report's reflection model, one function an equation.
+"""The report's reflection model, as far as it is counted ray by ray: attenuation, mirrors and glass.
 
-I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]. Colours are linear RGB; directions point away from the surface
-except the incident ray's d; n, l, v, h, d are unit. Scalars in, scalars out, nothing read from a scene.
+I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]: the first four are summed in lanes, by
+:mod:`tracer.shading.surfaces` (eq. 10, 13) and :mod:`tracer.shading.direct` (eq. 11, 12, 16). Colours are linear RGB;
+n and d are unit, d points to the surface. Scalars in, scalars out, nothing read from a scene.
 
 Departs from the report's program, which uses the interpolated normal as it is in eq. 17: here it is unit.
 """
 
 import math
 
-from tracer.geometry.vector import add, dot, multiply, normalize, scale
+from tracer.geometry.vector import dot, multiply, scale
 from tracer.jit import inline
 from tracer.types import Vec3
-
-
-@inline
-def sum_intensity(
-    ambient: Vec3, diffuse: Vec3, specular: Vec3, emitted: Vec3, reflected: Vec3, transmitted: Vec3
-) -> Vec3:
-    """I = Ia + Id + Is + Ie + Ir + It [farmer2019 eq. 9]."""
-    return add(add(add(ambient, diffuse), add(specular, emitted)), add(reflected, transmitted))
 
 
 @inline
@@ -39,33 +32,6 @@ def attenuation_bound(a: float) -> float:
 
 
 @inline
-def reflect_ambient(ka: Vec3, ambient: Vec3) -> Vec3:
-    """Ia = ka (sum of the global and all lights' ambient intensities) [farmer2019 eq. 10].
-
-    Neither attenuated nor shadowed.
-    """
-    return multiply(ka, ambient)
-
-
-@inline
-def reflect_diffuse(kd: Vec3, intensity: Vec3, n_dot_l: float) -> Vec3:
-    """Id = kd L (n . l) for one light with n . l > 0, L the attenuated intensity that arrives [farmer2019 eq. 11]."""
-    return scale(multiply(kd, intensity), n_dot_l)
-
-
-@inline
-def reflect_specular(ks: Vec3, intensity: Vec3, n_dot_h: float, exponent: float) -> Vec3:
-    """Is = ks L max(0, n . h)^exponent for one light with n . l > 0 [farmer2019 eq. 12]."""
-    return scale(multiply(ks, intensity), max(0.0, n_dot_h) ** exponent)
-
-
-@inline
-def emit(ke: Vec3) -> Vec3:
-    """Ie = ke [farmer2019 eq. 13]."""
-    return ke
-
-
-@inline
 def weigh_reflected(kr: Vec3, radiance: Vec3, factor: float) -> Vec3:
     """Ir = kr I_r / (a + b D + c D^2), D the distance that the reflected ray travels [farmer2019 eq. 14]."""
     return scale(multiply(kr, radiance), factor)
@@ -75,12 +41,6 @@ def weigh_reflected(kr: Vec3, radiance: Vec3, factor: float) -> Vec3:
 def weigh_transmitted(kt: Vec3, radiance: Vec3, factor: float) -> Vec3:
     """Compute It = kt I_t / (a + b D + c D^2), D the distance that the transmitted ray travels [farmer2019 eq. 15]."""
     return scale(multiply(kt, radiance), factor)
-
-
-@inline
-def half_vector(to_light: Vec3, to_viewer: Vec3) -> Vec3:
-    """Return h = (l + v) / |l + v| [farmer2019 eq. 16]; zero when l = -v."""
-    return normalize(add(to_light, to_viewer))
 
 
 @inline

@@ -33,7 +33,13 @@ _I64 = ir.IntType(64)
 
 @intrinsic
 def address_of(_typing: Any, array: Any) -> Any:
-    """Return the address of a C-contiguous array's first element, as int64."""
+    """Return the address of a C-contiguous array's first element, or that which a pointer holds, as int64."""
+    if isinstance(array, types.CPointer):
+
+        def convert(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+            return builder.ptrtoint(args[0], _I64)
+
+        return types.int64(array), convert
     if not isinstance(array, types.Array) or array.layout != "C":
         return None
 
@@ -167,3 +173,16 @@ def gather(_typing: Any, kind: Any, base: Any, index: Any, mask: Any) -> Any:
         return call_intrinsic(builder, name, llvm_type(target), [pointers, ir.Constant(INDEX, size), chosen, zero])
 
     return target(kind, types.int64, index, mask), generate
+
+
+@intrinsic
+def stand_alone(_typing: Any) -> Any:
+    """Keep LLVM from copying the function that this is called in into its callers.
+
+    For large functions: their registers and their place in a profile stay their own, and they are compiled once.
+    """
+
+    def generate(_context: Any, builder: Any, _sig: Any, _args: Any) -> Any:
+        builder.function.attributes.add("noinline")
+
+    return types.void(), generate

@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from tracer.accel.traverse import _is_nearer
-from tracer.geometry.triangle import intersect_triangle, shear_ray
-from tracer.geometry.vector import at
-from tracer.jit import kernel, pointer
+from tests.numerics.closed_meshes import by_brute_force
 from tracer.render.tiny import make_scene
 from tracer.types import MATERIAL_A, MATERIAL_ETA, MATERIAL_KT, N_MATERIAL, SHAPE_SPHERE
 
@@ -70,28 +67,7 @@ def scene_of(vertices, faces, *, kt=None, spheres=()):
     )
 
 
-@kernel
-def brute_force(vertices, ids, origins, directions, n_hits, t, primitive):
-    """Every triangle for every ray, from the last to the first: the closest by (t, id), and how many have t > 0."""
-    for k in range(origins.shape[0]):
-        ray = shear_ray(at(pointer(origins), 3 * k), at(pointer(directions), 3 * k))
-        best_t = np.inf
-        best = np.int64(-1)
-        count = 0
-        for slot in range(ids.shape[0] - 1, -1, -1):
-            found = intersect_triangle(pointer(vertices), slot, ray).t
-            if found > 0.0:
-                count += 1
-            if _is_nearer(found, np.int64(ids[slot]), best_t, best):
-                best_t = found
-                best = np.int64(ids[slot])
-        n_hits[k] = count
-        t[k] = best_t
-        primitive[k] = best
-
-
 def trace_brute(scene, origins, directions):
-    n = len(origins)
-    n_hits, t, primitive = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
-    brute_force(scene.bvh_vertices, scene.bvh_slots, origins, directions, n_hits, t, primitive)
+    """(Triangles met with t > 0, least t, its id) of each ray, by the scalar predicate."""
+    t, primitive, n_hits = by_brute_force(scene.vertex_positions, scene.face_vertices, origins, directions)
     return n_hits, t, primitive

@@ -6,18 +6,29 @@ import pytest
 from tests.tracer.accel.meshes import icosphere, scene_of
 from tracer.accel import build_bvh
 from tracer.accel.build import MAX_DEPTH, MAX_LEAF, shape_bounds
+from tracer.accel.wide import WideBvh, build_wide
+from tracer.rays import RayCaster
 from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_DISK, SHAPE_SPHERE
 
 
 def build(vertices, faces):
+    """The hierarchies of triangles alone."""
     none = np.zeros((0, 3, 3))
     return build_bvh(np.asarray(vertices, float), np.asarray(faces, np.int32), np.zeros(0, np.int32), none[:, 0], none)
 
 
-def check(bvh, vertices, faces):
-    """Every primitive in one leaf, every box exactly around what is below it; returns the depth."""
-    corners = np.asarray(vertices)[np.asarray(faces)]
-    low, high = corners.min(axis=1), corners.max(axis=1)
+def build_spheres(centres, radii):
+    """The hierarchies of spheres alone, and the bounds (n, 6) that the tree is built of."""
+    matrices = np.eye(3) * np.asarray(radii, float).reshape(-1, 1, 1)
+    kinds = np.full(len(centres), SHAPE_SPHERE, np.int32)
+    centres = np.asarray(centres, float).reshape(-1, 3)
+    bvh = build_bvh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), kinds, centres, matrices)
+    return bvh, shape_bounds(kinds, centres, matrices)
+
+
+def check(bvh, bounds):
+    """Every shape in one leaf, every box exactly around what is below it; returns the depth."""
+    low, high = bounds[:, :3], bounds[:, 3:]
     seen, deepest = [], 0
     pending = [(0, 1)]
     while pending:
@@ -40,61 +51,54 @@ def check(bvh, vertices, faces):
                 below_low, below_high = boxes[:, 0].min(axis=1), boxes[:, 1].max(axis=1)
                 pending.append((int(index), depth + 1))
             np.testing.assert_array_equal(box, np.stack([below_low, below_high], axis=1))
-    assert sorted(seen) == list(range(len(faces)))
+    assert sorted(seen) == list(range(len(bounds)))
     return deepest
 
 
-def test_sphere():
-    vertices, faces = icosphere(4)
-    bvh = build(vertices, faces)
-    assert check(bvh, vertices, faces) < 25
-    np.testing.assert_array_equal(bvh.bvh_root, [vertices.min(axis=0), vertices.max(axis=0)])
+def test_many_spheres():
+    rng = np.random.default_rng(2)
+    bvh, bounds = build_spheres(rng.standard_normal((3000, 3)), 10.0 ** rng.uniform(-4, 0, 3000))
+    assert check(bvh, bounds) < 25
+    np.testing.assert_array_equal(bvh.bvh_root, [bounds[:, :3].min(axis=0), bounds[:, 3:].max(axis=0)])
+    assert RayCaster.from_bvh(WideBvh(bvh.tree)).any_hit([[9.0, 0, 0]], [[-1.0, 0, 0]]).tolist() == [False]
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 5])
 def test_few(n):
-    vertices = np.random.default_rng(n).random((3 * n + 1, 3))
-    faces = np.arange(3 * n).reshape(n, 3)
-    bvh = build(vertices, faces)
-    check(bvh, vertices, faces)
+    bvh, bounds = build_spheres(np.random.default_rng(n).random((n, 3)), np.ones(n))
+    check(bvh, bounds)
     assert np.isinf(bvh.bvh_root).all() == (n == 0)
 
 
-def test_identical_triangles_end():
-    """100,000 times the same: no centroid differs, ranges are halved."""
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
-    faces = np.tile(np.arange(3), (100_000, 1))
-    assert check(build(vertices, faces), vertices, faces) <= 17
+def test_identical_spheres_end():
+    """Twenty thousand times the same: no centroid differs, ranges are halved."""
+    assert check(*build_spheres(np.tile([1.0, 2.0, 3.0], (20_000, 1)), np.ones(20_000))) <= 15
 
 
 def test_geometric_series_stays_shallow_enough():
     """Centroids at 2^-k: each binned split takes off one; the depth limit must hold."""
     x = 2.0 ** -np.arange(0, 900, 0.05)
-    vertices = np.zeros((3 * len(x), 3))
-    vertices[:, 0] = np.repeat(x, 3)
-    vertices[1::3, 1] = vertices[:, 0][1::3]
-    vertices[2::3, 2] = vertices[:, 0][2::3]
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    depth = check(build(vertices, faces), vertices, faces)
-    assert 20 < depth <= MAX_DEPTH
+    centres = np.zeros((len(x), 3))
+    centres[:, 0] = x
+    assert 20 < check(*build_spheres(centres, x / 3)) <= MAX_DEPTH
 
 
-def test_slots_hold_sorted_vertices_and_their_corners():
-    rng = np.random.default_rng(3)
-    vertices = rng.integers(0, 3, (40, 3)).astype(float)
-    faces = rng.integers(0, 40, (100, 3)).astype(np.int32)
+def test_triangles_have_the_wide_tree():
+    """The same buffer as the caster's, and bounds of all primitives."""
+    vertices, faces = icosphere(3)
     bvh = build(vertices, faces)
-    for slot, face in enumerate(bvh.bvh_slots):
-        corners = bvh.bvh_corners[slot]
-        assert sorted(corners) == [0, 1, 2]
-        rows = vertices[faces[face][corners]]
-        np.testing.assert_array_equal(bvh.bvh_vertices[slot].reshape(3, 3), rows)
-        assert rows.tolist() == sorted(rows.tolist())
+    np.testing.assert_array_equal(bvh.tree, build_wide(vertices, faces).buffer)
+    np.testing.assert_array_equal(bvh.bvh_root, [vertices.min(axis=0), vertices.max(axis=0)])
+    assert len(bvh.bvh_slots) == 0
 
 
 def test_result_depends_on_the_input_alone():
     vertices, faces = icosphere(3)
+    rng = np.random.default_rng(4)
+    spheres = rng.standard_normal((500, 3)), rng.random(500)
     for a, b in zip(build(vertices, faces), build(vertices.copy(), faces.copy()), strict=True):
+        np.testing.assert_array_equal(a, b)
+    for a, b in zip(build_spheres(*spheres)[0], build_spheres(*spheres)[0], strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -135,4 +139,4 @@ def test_one_shape_among_triangles():
     vertices, faces = icosphere(1)
     scene = scene_of(vertices, faces, spheres=[((5.0, 0.0, 0.0), 1.0)])
     assert scene.bvh_root[1, 0] == 6.0
-    assert len(faces) in scene.bvh_slots
+    assert scene.bvh_slots.tolist() == [0]

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from tracer.geometry.shapes import cross_plane, cross_shape, locate_on_plane, locate_on_shape, locate_on_triangle
+from tracer.geometry.shapes import cross_plane, cross_shape, locate_on_plane, locate_on_shape
 from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_CYLINDER_OPEN, SHAPE_DISK, SHAPE_SPHERE, Vec3
 
 mpmath.mp.dps = 50
@@ -231,18 +231,3 @@ def test_plane():
         )
         assert off <= float(np.abs(n) @ np.array(facts.error))
         assert (facts.u, facts.v) == pytest.approx((facts.position.x - 5.0, facts.position.y + 4.0), abs=1e-12)
-
-
-def test_points_on_triangles_lie_in_their_plane_within_the_error():
-    rng = np.random.default_rng(10)
-    for _ in range(300):
-        p = rng.standard_normal((3, 3)) * 10.0 ** rng.uniform(-6, 6) + rng.standard_normal(3) * 10.0 ** rng.uniform(
-            -6, 6
-        )
-        b1, b2 = rng.dirichlet([1, 1, 1])[:2]
-        facts = locate_on_triangle(p.ravel(), np.int64(0), np.int64(1), np.int64(2), b1, b2)
-        m = mpmath.matrix(p.tolist())
-        e1, e2 = m[1, :] - m[0, :], m[2, :] - m[0, :]
-        n = [e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]]
-        off = sum(n[k] * (mpmath.mpf(facts.position[k]) - m[0, k]) for k in range(3))
-        assert abs(off) <= sum(abs(n[k]) * facts.error[k] for k in range(3))

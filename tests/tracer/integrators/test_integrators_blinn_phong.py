@@ -132,13 +132,3 @@ def test_the_back_of_a_surface(two_sided, expected):
     scene = build(quads=[(WALL[::-1], material(kd=1.0))], lights=[directional((0, 0, -1))], **tiny())
     color, _ = centre(scene._replace(material_flags=np.array([[-1, 0, 0, two_sided]], np.int32)))
     assert color.tolist() == [expected] * 3
-
-
-def test_occluders_are_remembered():
-    """A wide blocker between light and wall: nearly every shadow ray ends at the triangle of the one before."""
-    blocker = [[-50, -50, 5], [-50, 50, 5], [50, 50, 5], [50, -50, 5]]
-    film = render_compiled(
-        build(quads=[(WALL, material(kd=1.0)), (blocker, material())], lights=[directional((0, 0, -1))])
-    )
-    assert film.pixels.max() == 0.0
-    assert film.counters["occluder_cache_hits"] > 0.9 * film.counters["shadow_rays"]

@@ -15,13 +15,11 @@ TRIANGLE = {"type": "mesh", "positions": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "fac
 
 def fake_build(vertices, faces, kinds, origins, to_world):
     """No hierarchy at all: these tests do not trace."""
-    n = len(faces) + len(kinds)
     return Bvh(
+        np.arange(len(faces)),
         np.zeros((1, 12)),
         np.zeros((1, 4), np.int32),
-        np.arange(n, dtype=np.int32),
-        np.zeros((n, 9)),
-        np.zeros((n, 3), np.int8),
+        np.arange(len(kinds), dtype=np.int32),
         np.zeros((2, 3)),
     )
 

@@ -113,6 +113,19 @@ def test_power(dtype):
         assert worst_ulp(results, exact) <= (2.0 if dtype == np.float64 else 1.0)
 
 
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 10.0, 1e3, 1e6, 1e9])
+def test_power_of_the_sharpest_highlights(exponent):
+    """N19: bases from 0 to 1 and close to 1, every exponent that a scene may have."""
+    rng = np.random.default_rng(9)
+    bases = [0.0, 1e-300, 1.0, 1.0 - 2.0**-53, *rng.random(50), *(1.0 - rng.random(58) * 1e-8)]
+    bases, results = np.array(bases), np.zeros(112)
+    power64(bases, np.full(112, exponent), results)
+    for base, found in zip(bases.tolist(), results.tolist(), strict=True):
+        with mpmath.workprec(300):
+            exact = mpmath.power(mpmath.mpf(base), exponent)
+            assert abs(found - exact) <= 8 * 2.0**-52 * exact + 5e-324
+
+
 def test_power_to_the_ends_of_the_range():
     rng = np.random.default_rng(4)
     bases = np.exp(rng.uniform(-700, 700, 800))

@@ -1,0 +1,429 @@
+"""Packets: up to 64 rays of one dominant axis and sense through the wide tree together.
+
+The rays' hull is a beam. Along the dominant axis, counted in the sense of travel (the *depth*), each ray is a straight
+line x(depth), y(depth) with slopes of at most 1 in size; the least of them is concave in the depth and the greatest
+convex, so the chord between two depths bounds all rays between these. A node is visited when one of its boxes, cut to
+the depths at which a ray can still find something, reaches between the four chords: 8 boxes at once, in float32,
+padded by what its rounding and the predicate's can amount to (:mod:`tracer.rays.state` counts the same). Leaves are
+float64 and exact (:mod:`tracer.rays.packet_leaf`).
+
+Invariants: a ray's answer does not depend on the others of its packet, nor on whether it travels in one: the least
+(t, id) of all triangles it meets. A node is left out only if no ray of the packet can find anything in it.
+
+Sources: Reshetov, Soupikov and Hurley 2005 (beams of rays); Boulos, Wald and Benthin 2008 (interval culling).
+"""
+
+from typing import Any, Final
+
+from tracer.accel.emit import ORDER_BITS
+from tracer.accel.layout import (
+    FRAME_CENTRE,
+    FRAME_HALF,
+    FRAME_SCALE,
+    HEADER_BYTES,
+    HEADER_WIDE_LEAVES,
+    NODE_CHILDREN,
+    NODE_HIGH,
+    STACK_ENTRIES,
+    UNIT,
+)
+from tracer.jit import inline, kernel
+from tracer.rays.packet_leaf import (
+    BEAM_BYTES,
+    BEAM_CENTRE,
+    BEAM_FIRST,
+    BEAM_HALF,
+    BEAM_LAST,
+    BEAM_SCALE,
+    BEAM_SIGN,
+    BEAM_SURE_FIRST,
+    BEAM_SURE_LAST,
+    BEAM_X_SLOPE,
+    BEAM_X_SPREAD,
+    BEAM_X_START,
+    BEAM_X_WIDTH,
+    BEAM_Y_SLOPE,
+    BEAM_Y_SPREAD,
+    BEAM_Y_START,
+    BEAM_Y_WIDTH,
+    cut_leaf,
+    meet_triangle,
+)
+from tracer.rays.rows import (
+    AXIS,
+    INTEGERS,
+    LANES,
+    LIGHT,
+    NIBBLE,
+    ORIGIN,
+    ROW,
+    SHEAR,
+    SKIP,
+    SPEED,
+    STEP,
+    T_BEST,
+    VECTOR,
+    VECTORS,
+    mask_of,
+    put,
+)
+from tracer.simd import (
+    absolute,
+    count_trailing_zeros,
+    float32x8,
+    load,
+    mask_to_bits,
+    maximum,
+    minimum,
+    multiply_add,
+    reduce_max,
+    reduce_min,
+    select,
+    splat,
+    stack_memory,
+    stand_alone,
+    store,
+    to_bits,
+)
+from tracer.simd.gateway import types
+
+_float32: Final = types.float32
+_float64: Final = types.float64
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+CLOSEST: Final = 0
+ANY: Final = 1  # which rays meet anything
+SHADE: Final = 2  # light is multiplied by what each surface lets through
+
+_INF: Final = float("inf")
+_STACK_BYTES: Final = 8 * STACK_ENTRIES
+_NEAR_BYTES: Final = 32
+_FOUND_BYTES: Final = 4 * STEP
+_END: Final = 0x7FFFFFFFFFFFFFFF
+_ROOT: Final = HEADER_BYTES // UNIT << 3
+_ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
+_THINNEST: Final = 2.0**-10  # depth over which the chords are drawn at least
+# what `_survey` leaves beside the beam, in frame units
+_BEGIN: Final = BEAM_BYTES  # depths: where the first ray begins, where the last
+_LAST_BEGIN: Final = _BEGIN + 8
+_END_DEPTH: Final = _BEGIN + 16  # where the last ray ends, where the first
+_FIRST_END: Final = _BEGIN + 24
+_REACH: Final = _BEGIN + 32  # greatest coordinate of an origin
+_LOW_X: Final = _BEGIN + 40  # least and greatest x at depth -half, then at half
+_LOW_Y: Final = _BEGIN + 72
+_BEAM_MEMORY: Final = _BEGIN + 104
+_WELL: Final = 2.0**-20  # depth by which a well-shaped triangle's t can be off
+
+
+@inline
+def _spread(value: float) -> Any:
+    return splat(float32x8, _float32(value))
+
+
+@inline
+def _spread64(address: int) -> Any:
+    return splat(VECTOR, load(_float64, address))
+
+
+@inline
+def _survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: int) -> None:
+    """Bound the active rays: see the offsets `_LOW_X` and so on, from ``beam``."""
+    kx, ky, kz = axes
+    cx, cy, cz, scale, sign = frame
+    infinite = splat(VECTOR, _INF)
+    begin, last_begin, end, first_end = infinite, -infinite, -infinite, infinite
+    low_x, high_x, far_low_x, far_high_x = infinite, -infinite, infinite, -infinite
+    low_y, high_y, far_low_y, far_high_y = infinite, -infinite, infinite, -infinite
+    reach = splat(VECTOR, 0.0)
+    middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
+    s, sense, nearest = splat(VECTOR, scale), splat(VECTOR, sign), splat(VECTOR, -half)
+    across = splat(VECTOR, 2.0 * half)
+    some = packet + 8 * count_trailing_zeros(active)  # what lanes that are not active count as
+    for i in range(VECTORS):
+        bits = (active >> (LANES * i)) & NIBBLE
+        if bits == 0:
+            continue
+        at = packet + STEP * i
+        x, y = load(VECTOR, at + ORIGIN + kx * ROW), load(VECTOR, at + ORIGIN + ky * ROW)
+        z = load(VECTOR, at + ORIGIN + kz * ROW)
+        slope_x, slope_y = load(VECTOR, at + SHEAR), load(VECTOR, at + SHEAR + ROW)
+        way = load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED)
+        if bits != NIBBLE:
+            mask = mask_of(active, i)
+            x = select(mask, x, _spread64(some + ORIGIN + kx * ROW))
+            y = select(mask, y, _spread64(some + ORIGIN + ky * ROW))
+            z = select(mask, z, _spread64(some + ORIGIN + kz * ROW))
+            slope_x = select(mask, slope_x, _spread64(some + SHEAR))
+            slope_y = select(mask, slope_y, _spread64(some + SHEAR + ROW))
+            way = select(mask, way, _spread64(some + T_BEST) * _spread64(some + SPEED))
+        x, y, z = (x - middle_x) * s, (y - middle_y) * s, (z - middle_z) * s
+        reach = maximum(reach, maximum(absolute(x), maximum(absolute(y), absolute(z))))
+        z = z * sense
+        begin, last_begin = minimum(begin, z), maximum(last_begin, z)
+        stop = z + way * s
+        end, first_end = maximum(end, stop), minimum(first_end, stop)
+        back = nearest - z
+        slope_x, slope_y = slope_x * sense, slope_y * sense
+        x, y = x + slope_x * back, y + slope_y * back
+        low_x, high_x, low_y, high_y = minimum(low_x, x), maximum(high_x, x), minimum(low_y, y), maximum(high_y, y)
+        x, y = x + slope_x * across, y + slope_y * across
+        far_low_x, far_high_x = minimum(far_low_x, x), maximum(far_high_x, x)
+        far_low_y, far_high_y = minimum(far_low_y, y), maximum(far_high_y, y)
+    store(beam + _BEGIN, reduce_min(begin))
+    store(beam + _LAST_BEGIN, reduce_max(last_begin))
+    store(beam + _END_DEPTH, reduce_max(end))
+    store(beam + _FIRST_END, reduce_min(first_end))
+    store(beam + _REACH, reduce_max(reach))
+    store(beam + _LOW_X, reduce_min(low_x))
+    store(beam + _LOW_X + 8, reduce_max(high_x))
+    store(beam + _LOW_X + 16, reduce_min(far_low_x))
+    store(beam + _LOW_X + 24, reduce_max(far_high_x))
+    store(beam + _LOW_Y, reduce_min(low_y))
+    store(beam + _LOW_Y + 8, reduce_max(high_y))
+    store(beam + _LOW_Y + 16, reduce_min(far_low_y))
+    store(beam + _LOW_Y + 24, reduce_max(far_high_y))
+
+
+@inline
+def _chords(extremes: int, half: float, slop: float) -> Any:
+    """Return (slope, start) of the lower and of the upper bounding line, padded for float64."""
+    low_0, high_0 = load(_float64, extremes), load(_float64, extremes + 8)
+    low_1, high_1 = load(_float64, extremes + 16), load(_float64, extremes + 24)
+    inverse = 0.5 / half
+    low_slope, high_slope = (low_1 - low_0) * inverse, (high_1 - high_0) * inverse
+    pad = slop + 2.0**-46 * (abs(low_0) + abs(low_1) + abs(high_0) + abs(high_1))
+    return low_slope, 0.5 * (low_0 + low_1) - pad, high_slope, 0.5 * (high_0 + high_1) + pad
+
+
+@inline
+def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
+    """Greatest depth at which an active ray can still find something, frame units."""
+    _cx, _cy, cz, scale, sign = frame
+    last = splat(VECTOR, -_INF)
+    middle, s = splat(VECTOR, cz), splat(VECTOR, scale * sign)
+    speed = splat(VECTOR, scale)
+    for i in range(VECTORS):
+        if (active >> (LANES * i)) & NIBBLE == 0:
+            continue
+        at = packet + STEP * i
+        end = (load(VECTOR, at + ORIGIN + kz * ROW) - middle) * s
+        end = end + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * speed
+        last = maximum(last, select(mask_of(active, i), end, last))
+    return float(reduce_max(last))
+
+
+@inline
+def _skips(packet: int, active: int, primitive: int) -> Any:
+    """Return the active rays that skip a primitive."""
+    same = _int64(0)
+    wanted = splat(INTEGERS, primitive)
+    for i in range(VECTORS):
+        same |= mask_to_bits(load(INTEGERS, packet + SKIP + STEP * i) == wanted) << (LANES * i)
+    return same & active
+
+
+@inline
+def _push_many(hits: int, near: int, children: int, top: int) -> int:
+    """Push all hit children, farthest first; returns the new top."""
+    bottom = top
+    while hits != 0:
+        lane = count_trailing_zeros(hits)
+        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
+        hits &= hits - 1
+        slot = top
+        while slot > bottom and load(_int64, slot - 8) < entry:
+            store(slot, load(_int64, slot - 8))
+            slot -= 8
+        store(slot, entry)
+        top += 8
+    return top
+
+
+@kernel
+def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
+    """Follow the active rays of a packet, all of one AXIS.
+
+    Parameters
+    ----------
+    base
+        Address of the tree.
+    packet
+        Address of the rays (:mod:`tracer.rays.rows`): ORIGIN, SHEAR, SPEED, AXIS, T_BEST and SKIP are set; for CLOSEST
+        PRIMITIVE is -1 too, for SHADE LIGHT is 1.
+    active
+        Set of rays, not empty.
+    mode
+        CLOSEST: T_BEST, PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is
+        multiplied by kt of every triangle that is met within the ray's end.
+    kt, face_material, stride
+        For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
+        material.
+
+    Returns
+    -------
+    int64
+        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST.
+    """
+    stand_alone()
+    if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
+        return _int64(0)
+    axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
+    kz = axis >> 1
+    kx = kz - 2 if kz == 2 else kz + 1
+    ky = kz - 1 if kz > 0 else _int64(2)
+    sign = -1.0 if axis & 1 else 1.0
+    scale = load(_float64, base + 8 * FRAME_SCALE)
+    cx = load(_float64, base + 8 * FRAME_CENTRE + 8 * kx)
+    cy = load(_float64, base + 8 * FRAME_CENTRE + 8 * ky)
+    cz = load(_float64, base + 8 * FRAME_CENTRE + 8 * kz)
+    half = load(_float64, base + 8 * FRAME_HALF + 8 * kz)
+    frame = (cx, cy, cz, scale, sign)
+    axes = (kx, ky, kz)
+    breadth = max(half, _THINNEST)
+    beam = stack_memory(_BEAM_MEMORY)
+    _survey(packet, active, axes, frame, breadth, beam)
+    # what float64 does not resolve of coordinates so far out, in frame units
+    centre = max(abs(cx), abs(cy), abs(cz)) * scale
+    slop = 2.0**-46 * (1.0 + load(_float64, beam + _REACH) + centre)
+    first_depth = max(load(_float64, beam + _BEGIN), -half) - slop
+    last_depth = min(load(_float64, beam + _END_DEPTH) + _WELL, half) + slop
+    if first_depth > last_depth:
+        return _int64(0)
+    x_low, x_low_start, x_high, x_high_start = _chords(beam + _LOW_X, breadth, slop)
+    y_low, y_low_start, y_high, y_high_start = _chords(beam + _LOW_Y, breadth, slop)
+    store(beam + BEAM_CENTRE, cx)
+    store(beam + BEAM_CENTRE + 8, cy)
+    store(beam + BEAM_CENTRE + 16, cz)
+    store(beam + BEAM_SCALE, scale)
+    store(beam + BEAM_SIGN, sign)
+    store(beam + BEAM_HALF, breadth)
+    store(beam + BEAM_FIRST, first_depth - slop)
+    store(beam + BEAM_LAST, last_depth + slop)
+    # what lies between these is met by all or by none
+    store(beam + BEAM_SURE_FIRST, load(_float64, beam + _LAST_BEGIN) + slop)
+    store(beam + BEAM_SURE_LAST, load(_float64, beam + _FIRST_END) - _WELL - slop)
+    store(beam + BEAM_X_SLOPE, 0.5 * (x_low + x_high))
+    store(beam + BEAM_X_START, 0.5 * (x_low_start + x_high_start))
+    store(beam + BEAM_X_SPREAD, 0.5 * (x_high - x_low))
+    store(beam + BEAM_X_WIDTH, 0.5 * (x_high_start - x_low_start) + slop)
+    store(beam + BEAM_Y_SLOPE, 0.5 * (y_low + y_high))
+    store(beam + BEAM_Y_START, 0.5 * (y_low_start + y_high_start))
+    store(beam + BEAM_Y_SPREAD, 0.5 * (y_high - y_low))
+    store(beam + BEAM_Y_WIDTH, 0.5 * (y_high_start - y_low_start) + slop)
+    skip = load(_int64, packet + SKIP + 8 * count_trailing_zeros(active))
+    alike = _skips(packet, active, skip) == active
+    # the lines in float32, each slope split by sign: rising parts count at one end of a box, falling ones at the other
+    deepest = breadth + slop
+    pad = _ROUNDING * (abs(x_low_start) + abs(x_low) * deepest) + slop
+    xl_up, xl_down, xl = _spread(max(x_low, 0.0)), _spread(min(x_low, 0.0)), _spread(x_low_start - pad)
+    pad = _ROUNDING * (abs(x_high_start) + abs(x_high) * deepest) + slop
+    xh_up, xh_down, xh = _spread(max(x_high, 0.0)), _spread(min(x_high, 0.0)), _spread(x_high_start + pad)
+    pad = _ROUNDING * (abs(y_low_start) + abs(y_low) * deepest) + slop
+    yl_up, yl_down, yl = _spread(max(y_low, 0.0)), _spread(min(y_low, 0.0)), _spread(y_low_start - pad)
+    pad = _ROUNDING * (abs(y_high_start) + abs(y_high) * deepest) + slop
+    yh_up, yh_down, yh = _spread(max(y_high, 0.0)), _spread(min(y_high, 0.0)), _spread(y_high_start + pad)
+    nearest = _spread(first_depth - _ROUNDING * abs(first_depth))
+    farthest_depth = last_depth + _ROUNDING * abs(last_depth)
+    farthest = _spread(farthest_depth)
+    flip = _spread(sign)
+    x_row, y_row = 32 * kx, 32 * ky
+    near_row = 32 * kz + (NODE_HIGH if axis & 1 else 0)
+    far_row = 32 * kz + (0 if axis & 1 else NODE_HIGH)
+    size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
+    stack = stack_memory(_STACK_BYTES)
+    near = stack_memory(_NEAR_BYTES)
+    found = stack_memory(_FOUND_BYTES)
+    ended = _int64(0)
+    closest = _int64(1 if mode == CLOSEST else 0)
+    top = stack
+    word = _int64(_ROOT)
+    limit = to_bits(_float32(farthest_depth - first_depth) * _float32(1.000001))
+    while True:
+        while word >= 0:
+            node = base + word * (UNIT // 8)
+            enter = maximum(load(float32x8, node + near_row) * flip, nearest)
+            leave = minimum(load(float32x8, node + far_row) * flip, farthest)
+            least_x = multiply_add(xl_up, enter, multiply_add(xl_down, leave, xl))
+            most_x = multiply_add(xh_up, leave, multiply_add(xh_down, enter, xh))
+            least_y = multiply_add(yl_up, enter, multiply_add(yl_down, leave, yl))
+            most_y = multiply_add(yh_up, leave, multiply_add(yh_down, enter, yh))
+            inside = (enter <= leave) & (load(float32x8, node + x_row) <= most_x)
+            inside = inside & (load(float32x8, node + NODE_HIGH + x_row) >= least_x)
+            inside = inside & (load(float32x8, node + y_row) <= most_y)
+            inside = inside & (load(float32x8, node + NODE_HIGH + y_row) >= least_y)
+            hits = mask_to_bits(inside)
+            if hits == 0:
+                break
+            children = node + NODE_CHILDREN
+            if hits & (hits - 1) == 0:
+                word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
+                continue
+            store(near, enter - nearest)
+            top = _push_many(hits, near, children, top) - 8
+            word = _int64(_int32(load(_int64, top)))
+        if word < 0:
+            leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
+            n = (word & 7) + 1
+            row = n * size
+            ids = leaf + 9 * row
+            candidates, covers = cut_leaf(leaf, n, size, axes, beam)
+            changed = _int64(0)
+            while candidates != 0:
+                k = count_trailing_zeros(candidates)
+                candidates &= candidates - 1
+                face = _int64(load(_int32, ids + 4 * k))
+                if alike and face >> ORDER_BITS == skip:  # all of them start on it
+                    continue
+                if mode != CLOSEST and alike and (covers >> k) & 1:
+                    met = active
+                else:
+                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, alike, found)
+                changed |= met
+                if mode == ANY:
+                    ended |= met
+                    active &= ~met
+                elif mode == SHADE and met != 0:
+                    material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
+                    dark = _dim(packet, met, material)
+                    ended |= dark
+                    active &= ~dark
+            if changed != 0:
+                if active == 0:
+                    return ended
+                if mode == CLOSEST:
+                    farthest_depth = min(farthest_depth, _deepest(packet, active, kz, frame) + slop + _WELL)
+                    farthest_depth += _ROUNDING * abs(farthest_depth)
+                    farthest = _spread(farthest_depth)
+                    store(beam + BEAM_LAST, farthest_depth)
+                    limit = to_bits(max(_float32(farthest_depth - first_depth) * _float32(1.000001), _float32(0.0)))
+        while True:
+            if top == stack:
+                return ended
+            top -= 8
+            entry = load(_int64, top)
+            if (entry >> 32) <= limit:
+                break
+        word = _int64(_int32(entry))
+
+
+@inline
+def _dim(packet: int, lanes: int, material: int) -> Any:
+    """Multiply the light of some rays by a material's kt; returns those left in the dark."""
+    red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
+    dark = _int64(0)
+    zero = splat(VECTOR, 0.0)
+    for i in range(VECTORS):
+        bits = (lanes >> (LANES * i)) & NIBBLE
+        if bits == 0:
+            continue
+        mask = mask_of(lanes, i)
+        at = packet + LIGHT + STEP * i
+        r = load(VECTOR, at) * splat(VECTOR, red)
+        g = load(VECTOR, at + ROW) * splat(VECTOR, green)
+        b = load(VECTOR, at + 2 * ROW) * splat(VECTOR, blue)
+        put(at, mask, r)
+        put(at + ROW, mask, g)
+        put(at + 2 * ROW, mask, b)
+        dark |= (bits & mask_to_bits((r <= zero) & (g <= zero) & (b <= zero))) << (LANES * i)
+    return dark

@@ -1,0 +1,362 @@
+"""A leaf against a packet: four rays at once, each decided as :mod:`tracer.rays.predicate` decides it.
+
+Two steps. First the leaf's triangles, side by side, against the beam: its middle line with a half width meets each
+vertex, and a triangle is left out when no ray of the beam can have it between its edges. Then each triangle that is
+left against the rays, four at a time.
+
+Invariant: a lane is accepted here only where the predicate would take its rounded branch, by the same floats in the
+same order; lanes that are not certain go to the scalar predicate itself. Edge functions of strictly mixed signs miss
+for certain: rounding is monotone, so a rounded difference of products has the exact one's sign or is zero.
+"""
+
+from typing import Any, Final
+
+from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
+from tracer.jit import inline, kernel
+from tracer.rays.predicate import CERTAIN, TINY, WELL_SHAPED, intersect_triangle
+from tracer.rays.rows import (
+    INTEGERS,
+    LANES,
+    NIBBLE,
+    ORIGIN,
+    PRIMITIVE,
+    ROW,
+    SHEAR,
+    SKIP,
+    STEP,
+    T_BEST,
+    VECTOR,
+    VECTORS,
+    WEIGHT_1,
+    WEIGHT_2,
+    mask_of,
+    put,
+    put_integers,
+)
+from tracer.simd import (
+    absolute,
+    count_trailing_zeros,
+    load,
+    load_as_float64,
+    mask_to_bits,
+    maximum,
+    minimum,
+    splat,
+    stand_alone,
+    store,
+    unlikely,
+)
+from tracer.simd.gateway import types
+
+_float32: Final = types.float32
+_float64: Final = types.float64
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+# float64 offsets of what a beam is in the leaf's test; see `tracer.rays.packet`
+BEAM_CENTRE: Final = 0  # of the frame, in the order kx, ky, kz
+BEAM_SCALE: Final = 24
+BEAM_SIGN: Final = 32
+BEAM_HALF: Final = 40  # the lines hold for depths of at most this size
+BEAM_FIRST: Final = 48  # depths between which something can be found
+BEAM_LAST: Final = 56
+BEAM_SURE_FIRST: Final = 64  # depths between which all rays are on their way
+BEAM_SURE_LAST: Final = 72
+BEAM_X_SLOPE: Final = 80  # middle line x = slope depth + start, half width = spread depth + width
+BEAM_X_START: Final = 88
+BEAM_X_SPREAD: Final = 96
+BEAM_X_WIDTH: Final = 104
+BEAM_Y_SLOPE: Final = 112
+BEAM_Y_START: Final = 120
+BEAM_Y_SPREAD: Final = 128
+BEAM_Y_WIDTH: Final = 136
+BEAM_BYTES: Final = 144
+
+
+@inline
+def _spread(address: int) -> Any:
+    return splat(VECTOR, load(_float64, address))
+
+
+@inline
+def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
+    """Vertices in frame units relative to the middle line: (x, y, half widths in x and y, depth)."""
+    scale = _spread(beam + BEAM_SCALE)
+    depth = (z - _spread(beam + BEAM_CENTRE + 16)) * scale * _spread(beam + BEAM_SIGN)
+    x = (x - _spread(beam + BEAM_CENTRE)) * scale
+    y = (y - _spread(beam + BEAM_CENTRE + 8)) * scale
+    x = x - (_spread(beam + BEAM_X_SLOPE) * depth + _spread(beam + BEAM_X_START))
+    y = y - (_spread(beam + BEAM_Y_SLOPE) * depth + _spread(beam + BEAM_Y_START))
+    width = _spread(beam + BEAM_X_SPREAD) * depth + _spread(beam + BEAM_X_WIDTH)
+    height = _spread(beam + BEAM_Y_SPREAD) * depth + _spread(beam + BEAM_Y_WIDTH)
+    return x, y, width, height, depth
+
+
+@inline
+def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
+    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all meet."""
+    at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
+    step = 3 * row
+    ax, ay, aw, ah, az = _from_beam(
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
+    )
+    at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
+    bx, by, bw, bh, bz = _from_beam(
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
+    )
+    at_x, at_y, at_z = at_x + step, at_y + step, at_z + step
+    cx, cy, cw, ch, cz = _from_beam(
+        beam,
+        load_as_float64(VECTOR, rows, at_x),
+        load_as_float64(VECTOR, rows, at_y),
+        load_as_float64(VECTOR, rows, at_z),
+    )
+    nearest, farthest = minimum(az, minimum(bz, cz)), maximum(az, maximum(bz, cz))
+    half = _spread(beam + BEAM_HALF)
+    known = (nearest >= -half) & (farthest <= half)
+    w = maximum(aw, maximum(bw, cw))
+    h = maximum(ah, maximum(bh, ch))
+    # all vertices on one side of the beam
+    out = (minimum(ax, minimum(bx, cx)) > w) | (maximum(ax, maximum(bx, cx)) < -w)
+    out = out | (minimum(ay, minimum(by, cy)) > h) | (maximum(ay, maximum(by, cy)) < -h)
+    # edge functions of the middle line, and how far those of other rays can be from it
+    u = cx * by - cy * bx
+    v = ax * cy - ay * cx
+    s = bx * ay - by * ax
+    xa, ya, xb, yb, xc, yc = absolute(ax), absolute(ay), absolute(bx), absolute(by), absolute(cx), absolute(cy)
+    both = (w * h) * splat(VECTOR, 2.0001)
+    u_off = ((yb + yc) * w + (xb + xc) * h) * splat(VECTOR, 1.0001) + both
+    v_off = ((yc + ya) * w + (xc + xa) * h) * splat(VECTOR, 1.0001) + both
+    s_off = ((ya + yb) * w + (xa + xb) * h) * splat(VECTOR, 1.0001) + both
+    negative = (u < -u_off) | (v < -v_off) | (s < -s_off)
+    positive = (u > u_off) | (v > v_off) | (s > s_off)
+    out = (out | (negative & positive)) & known
+    out = out | (farthest < _spread(beam + BEAM_FIRST)) | (nearest > _spread(beam + BEAM_LAST))
+    inside = ((u > u_off) & (v > v_off) & (s > s_off)) | ((u < -u_off) & (v < -v_off) & (s < -s_off))
+    inside = inside & known & (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
+    return mask_to_bits(~out), mask_to_bits(inside)
+
+
+@inline
+def cut_leaf(leaf: int, n: int, size: int, axes: Any, beam: int) -> Any:
+    """Sort a leaf's triangles by what the beam tells.
+
+    Returns
+    -------
+    tuple of int64
+        Bits of those that some ray may meet, and of those that all rays meet on their way for certain.
+    """
+    kx, ky, kz = axes
+    row = n * size
+    bits, inside = _int64(0), _int64(0)
+    for first in range(0, n, LANES):
+        place = leaf + first * size
+        if size == 8:
+            some, every = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
+        else:
+            some, every = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
+        bits |= some << first
+        inside |= every << first
+    return bits & ((_int64(1) << n) - 1), inside
+
+
+@kernel
+def decide_lanes(place: int, size: int, row: int, ray: int, kx: int, ky: int, kz: int, unsure: int, found: int) -> Any:
+    """Decide lanes of a vector by the scalar predicate.
+
+    Parameters
+    ----------
+    place, size, row
+        Address of the triangle's first coordinate, bytes of a coordinate and of a leaf's row.
+    ray
+        Address of the vector's first lane in the packet.
+    unsure
+        Bits of the lanes to decide.
+    found
+        Address of 4 vectors: t, U, V, W. Written for the lanes that are met.
+
+    Returns
+    -------
+    int64
+        Bits of those met.
+    """
+    stand_alone()
+    met = _int64(0)
+    c = stack_of_nine(place, size, row, kx, ky, kz)
+    while unsure != 0:
+        lane = count_trailing_zeros(unsure)
+        unsure &= unsure - 1
+        at = ray + 8 * lane
+        hit, t, u, v, w = intersect_triangle(
+            c[0],
+            c[1],
+            c[2],
+            c[3],
+            c[4],
+            c[5],
+            c[6],
+            c[7],
+            c[8],
+            load(_float64, at + ORIGIN + kx * ROW),
+            load(_float64, at + ORIGIN + ky * ROW),
+            load(_float64, at + ORIGIN + kz * ROW),
+            load(_float64, at + SHEAR),
+            load(_float64, at + SHEAR + ROW),
+            load(_float64, at + SHEAR + 2 * ROW),
+        )
+        if hit:
+            store(found + 8 * lane, t)
+            store(found + STEP + 8 * lane, u)
+            store(found + 2 * STEP + 8 * lane, v)
+            store(found + 3 * STEP + 8 * lane, w)
+            met |= _int64(1) << lane
+    return met
+
+
+@inline
+def coordinate(address: int, size: int) -> Any:
+    """Load a leaf's coordinate of 4 or 8 bytes."""
+    return load(_float64, address) if size == 8 else _float64(load(_float32, address))
+
+
+@inline
+def stack_of_nine(place: int, size: int, row: int, kx: int, ky: int, kz: int) -> Any:
+    """Return a triangle's coordinates in the order kx, ky, kz, vertex by vertex."""
+    return (
+        coordinate(place + kx * row, size),
+        coordinate(place + ky * row, size),
+        coordinate(place + kz * row, size),
+        coordinate(place + (3 + kx) * row, size),
+        coordinate(place + (3 + ky) * row, size),
+        coordinate(place + (3 + kz) * row, size),
+        coordinate(place + (6 + kx) * row, size),
+        coordinate(place + (6 + ky) * row, size),
+        coordinate(place + (6 + kz) * row, size),
+    )
+
+
+@inline
+def meet_triangle(
+    place: int,
+    size: int,
+    row: int,
+    word: int,
+    packet: int,
+    active: int,
+    axes: Any,
+    closest: int,
+    alike: bool,
+    found: int,
+) -> Any:
+    """Test a triangle against the active rays.
+
+    Parameters
+    ----------
+    place, size, row
+        As `decide_lanes`.
+    word
+        The leaf's word of the triangle: id and vertex order.
+    packet, active
+        Rays.
+    axes
+        (kx, ky, kz).
+    closest
+        1: keep hits in the packet where they are nearer, or as near with a lower id. 0: only tell.
+    alike
+        True: no ray skips this triangle. False: look at SKIP.
+    found
+        Address of scratch for 4 vectors.
+
+    Returns
+    -------
+    int64
+        The rays that meet it within their ends; under ``closest``, for which it is now the nearest.
+    """
+    kx, ky, kz = axes
+    primitive = word >> ORDER_BITS
+    c = stack_of_nine(place, size, row, kx, ky, kz)
+    pax, pay, paz = splat(VECTOR, c[0]), splat(VECTOR, c[1]), splat(VECTOR, c[2])
+    pbx, pby, pbz = splat(VECTOR, c[3]), splat(VECTOR, c[4]), splat(VECTOR, c[5])
+    pcx, pcy, pcz = splat(VECTOR, c[6]), splat(VECTOR, c[7]), splat(VECTOR, c[8])
+    zero = splat(VECTOR, 0.0)
+    met_lanes = _int64(0)
+    for i in range(VECTORS):
+        lanes = (active >> (LANES * i)) & NIBBLE
+        if lanes == 0:
+            continue
+        ray = packet + STEP * i
+        ox = load(VECTOR, ray + ORIGIN + kx * ROW)
+        oy = load(VECTOR, ray + ORIGIN + ky * ROW)
+        oz = load(VECTOR, ray + ORIGIN + kz * ROW)
+        shear_x = load(VECTOR, ray + SHEAR)
+        shear_y = load(VECTOR, ray + SHEAR + ROW)
+        az, bz, cz = paz - oz, pbz - oz, pcz - oz
+        ax, ay = (pax - ox) - shear_x * az, (pay - oy) - shear_y * az
+        bx, by = (pbx - ox) - shear_x * bz, (pby - oy) - shear_y * bz
+        cx, cy = (pcx - ox) - shear_x * cz, (pcy - oy) - shear_y * cz
+        u = cx * by - cy * bx
+        v = ax * cy - ay * cx
+        w = bx * ay - by * ax
+        low = minimum(u, minimum(v, w))
+        high = maximum(u, maximum(v, w))
+        lanes &= ~mask_to_bits((low < zero) & (high > zero))
+        if lanes == 0:
+            continue
+        largest = maximum(
+            maximum(maximum(absolute(ax), absolute(ay)), maximum(absolute(bx), absolute(by))),
+            maximum(absolute(cx), absolute(cy)),
+        )
+        e = largest * largest * CERTAIN + TINY
+        total = (u + v) + w
+        certain = ((low > e) | (high < -e)) & (absolute(total) > e * WELL_SHAPED)
+        shear_z = load(VECTOR, ray + SHEAR + 2 * ROW)
+        ta, tb, tc = shear_z * az, shear_z * bz, shear_z * cz
+        least = minimum(ta, minimum(tb, tc))
+        most = maximum(ta, maximum(tb, tc))
+        t_best = load(VECTOR, ray + T_BEST)
+        lanes &= mask_to_bits((most > zero) & (least <= t_best))
+        if not alike:
+            lanes &= ~mask_to_bits(load(INTEGERS, ray + SKIP) == splat(INTEGERS, primitive))
+        if lanes == 0:
+            continue
+        t = ((u * ta + v * tb) + w * tc) / total
+        t = minimum(maximum(t, least), most)
+        met = lanes & mask_to_bits(certain)
+        unsure = lanes & ~met
+        if unlikely(unsure != 0):
+            store(found, t)
+            store(found + STEP, u)
+            store(found + 2 * STEP, v)
+            store(found + 3 * STEP, w)
+            met |= decide_lanes(place, size, row, ray, kx, ky, kz, unsure, found)
+            t = load(VECTOR, found)
+            u = load(VECTOR, found + STEP)
+            v = load(VECTOR, found + 2 * STEP)
+            w = load(VECTOR, found + 3 * STEP)
+            total = (u + v) + w
+        if closest:
+            best = load(INTEGERS, ray + PRIMITIVE)
+            nearer = (t < t_best) | ((t == t_best) & (splat(INTEGERS, primitive) < best))
+            met &= mask_to_bits(nearer & (t > zero))
+            if met == 0:
+                continue
+            mask = mask_of(met, 0)
+            order = word & ((1 << ORDER_BITS) - 1)
+            second = (PLACE_1 >> (2 * order)) & 3
+            third = (PLACE_2 >> (2 * order)) & 3
+            weight_1 = u if second == 0 else (v if second == 1 else w)
+            weight_2 = u if third == 0 else (v if third == 1 else w)
+            put(ray + T_BEST, mask, t)
+            put(ray + WEIGHT_1, mask, weight_1 / total)
+            put(ray + WEIGHT_2, mask, weight_2 / total)
+            put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, primitive))
+        else:
+            met &= mask_to_bits((t < t_best) & (t > zero))
+        met_lanes |= met << (LANES * i)
+    return met_lanes

@@ -1,0 +1,143 @@
+"""Sobol points of many pixels and samples at once: :mod:`tracer.sampling.sobol` and `hashing` in lanes of 32 bits.
+
+Invariant: bit for bit the points of :func:`tracer.sampling.sampler.sample_keyed`. Words are int32 lanes, whose products
+wrap as those of unsigned words do.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from tracer.jit import inline, kernel
+from tracer.sampling.sampler import sample_keyed
+from tracer.simd import convert, int32x8, load, shift_right_logical, splat, store
+from tracer.simd.gateway import types
+from tracer.types import SAMPLER_SOBOL
+
+_float64: Final = types.float64
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+LANES: Final = 8
+_BYTES: Final = 4 * LANES
+
+
+def _signed(word: int) -> int:
+    """Return the int32 with the bits of an unsigned word."""
+    return word - (1 << 32) if word >= 1 << 31 else word
+
+
+_M1: Final = _signed(0x55555555)
+_M2: Final = _signed(0x33333333)
+_M4: Final = _signed(0x0F0F0F0F)
+_M8: Final = _signed(0x00FF00FF)
+_M16: Final = _signed(0x0000FFFF)
+_H1: Final = _signed(0xED5AD4BB)
+_H2: Final = _signed(0xAC4C1B51)
+_H3: Final = _signed(0x31848BAB)
+_K1: Final = _signed(0x6C50B47C)
+_K2: Final = _signed(0xB82F1E52)
+_K3: Final = _signed(0xC7AFE638)
+_K4: Final = _signed(0x8D22F6E6)
+_SHUFFLE: Final = _signed(0x1B56C4E9)
+_U: Final = _signed(0x7F4A7C15)
+_V: Final = _signed(0x94D049BB)
+_TOP: Final = _signed(0x80000000)
+
+
+@inline
+def _word(number: int) -> Any:
+    return splat(int32x8, _int32(number))
+
+
+@inline
+def _right(x: Any, count: int) -> Any:
+    return shift_right_logical(x, _int32(count))
+
+
+@inline
+def _hash(x: Any) -> Any:
+    """As :func:`tracer.sampling.hashing.hash_word`."""
+    x = x ^ _right(x, 17)
+    x = x * _word(_H1)
+    x = x ^ _right(x, 11)
+    x = x * _word(_H2)
+    x = x ^ _right(x, 15)
+    x = x * _word(_H3)
+    return x ^ _right(x, 14)
+
+
+@inline
+def _swap(x: Any, mask: int, count: int) -> Any:
+    """Exchange neighbouring groups of ``count`` bits."""
+    chosen = _word(mask)
+    return (_right(x, count) & chosen) | ((x & chosen) * _word(1 << count))
+
+
+@inline
+def _reverse(x: Any) -> Any:
+    """As :func:`tracer.sampling.sobol.reverse_bits`."""
+    x = _swap(x, _M1, 1)
+    x = _swap(x, _M2, 2)
+    x = _swap(x, _M4, 4)
+    x = _swap(x, _M8, 8)
+    return _swap(x, _M16, 16)
+
+
+@inline
+def _scramble(x: Any, key: Any) -> Any:
+    """As :func:`tracer.sampling.sobol.scramble_reversed`."""
+    x = x + key
+    x = x ^ (x * _word(_K1))
+    x = x ^ (x * _word(_K2))
+    x = x ^ (x * _word(_K3))
+    x = x ^ (x * _word(_K4))
+    return _reverse(x)
+
+
+@inline
+def _store_unit(address: int, x: Any) -> None:
+    """Write words as numbers in [0, 1)."""
+    signed = convert(_float64, x ^ _word(_TOP))
+    store(address, (signed + 2.0**31) * 2.0**-32)
+
+
+@kernel
+def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, us: int, vs: int) -> None:
+    """Write sample points.
+
+    Parameters
+    ----------
+    sampler, n_samples
+        As :func:`tracer.sampling.sampler.sample_2d`.
+    n
+        How many; memory is read and written up to the next multiple of eight.
+    keys, indices
+        Addresses of int32: each point's key (:func:`tracer.sampling.hashing.pixel_key`) and sample index.
+    us, vs
+        Addresses of float64: where the coordinates go.
+    """
+    if sampler != SAMPLER_SOBOL:
+        for k in range(n):
+            key = np.uint64(_int64(load(_int32, keys + 4 * k)) & 0xFFFFFFFF)
+            u, v = sample_keyed(sampler, key, _int64(load(_int32, indices + 4 * k)), n_samples)
+            store(us + 8 * k, u)
+            store(vs + 8 * k, v)
+        return
+    bits = 0
+    while (_int64(1) << bits) < n_samples:
+        bits += 1
+    lift = splat(int32x8, _int32(_int64(1) << (32 - bits))) if bits > 0 else _word(0)
+    drop = _int32(32 - bits if bits > 0 else 31)
+    for k in range((n + LANES - 1) // LANES):
+        key = load(int32x8, keys + _BYTES * k)
+        index = load(int32x8, indices + _BYTES * k)
+        index = shift_right_logical(_scramble(_reverse(index * lift), _hash(key ^ _word(_SHUFFLE))), drop)
+        index = index & _word(-1 if bits > 0 else 0)
+        _store_unit(us + 2 * _BYTES * k, _scramble(index, _hash(key ^ _word(_U))))
+        second = index ^ (_right(index, 1) & _word(_M1))
+        second = second ^ (_right(second, 2) & _word(_M2))
+        second = second ^ (_right(second, 4) & _word(_M4))
+        second = second ^ (_right(second, 8) & _word(_M8))
+        second = second ^ (_right(second, 16) & _word(_M16))
+        _store_unit(vs + 2 * _BYTES * k, _scramble(second, _hash(key ^ _word(_V))))

@@ -1,0 +1,247 @@
+"""Light that reaches 64 hits straight from the lamps, a lamp at a time [farmer2019 eq. 11, 12, 16].
+
+Two steps with the shadow rays between them: `face_light` finds who faces a light and how strong it is, and makes their
+shadow rays; `add_light` adds what arrives.
+"""
+
+import math
+from typing import Any, Final
+
+from tracer.geometry.rounding import EPSILON, SMALLEST
+from tracer.geometry.vector import add, at, dot, multiply, negate, scale
+from tracer.jit import inline, kernel
+from tracer.rays.predicate import shear_of
+from tracer.rays.rows import (
+    INTEGERS,
+    LANES,
+    LIGHT,
+    NIBBLE,
+    ORIGIN,
+    ROW,
+    SKIP,
+    STEP,
+    T_BEST,
+    VECTOR,
+    VECTORS,
+    mask_of,
+    shear_lanes,
+    spread_shear,
+)
+from tracer.shading.lights import BEFORE_LIGHT
+from tracer.shading.rows import (
+    ATTENUATION,
+    COLOR,
+    COSINE,
+    DIFFUSE,
+    DIRECTION,
+    ERROR,
+    EXPONENT,
+    GEOMETRIC,
+    NORMAL,
+    POSITION,
+    SPECULAR,
+    START,
+    STRENGTH,
+    TO_LIGHT,
+    put_vector,
+    spread,
+    vector_at,
+)
+from tracer.simd import (
+    absolute,
+    any_lane,
+    exp,
+    load,
+    log,
+    mask_to_bits,
+    maximum,
+    minimum,
+    population_count,
+    select,
+    splat,
+    sqrt,
+    stand_alone,
+    store,
+)
+from tracer.simd.gateway import types
+from tracer.types import (
+    COUNTERS,
+    LIGHT_DIFFUSE,
+    LIGHT_DIRECTION,
+    LIGHT_KIND_DIRECTIONAL,
+    LIGHT_KIND_SPOT,
+    LIGHT_POSITION,
+    LIGHT_SPECULAR,
+    LIGHT_SPOT_OFFSET,
+    LIGHT_SPOT_SCALE,
+    N_LIGHT,
+    SceneView,
+    Vec3,
+)
+
+_int64: Final = types.int64
+_SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
+_SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
+_SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
+
+
+@inline
+def _away(value: Any, towards: Any) -> Any:
+    """As :func:`tracer.geometry.rounding.away`, in lanes."""
+    zero = splat(VECTOR, 0.0)
+    step = absolute(value) * splat(VECTOR, _SUCCESSOR) + splat(VECTOR, SMALLEST)
+    step = select(towards < zero, -step, step)
+    return select(towards == zero, value, value + step)
+
+
+@inline
+def offset_origins(ray: int, direction: Any) -> Any:
+    """Origins of rays that leave four hits, as :func:`tracer.rays.spawn.offset_origin`."""
+    position, error, normal = vector_at(ray + POSITION), vector_at(ray + ERROR), vector_at(ray + GEOMETRIC)
+    distance = absolute(normal.x) * error.x + absolute(normal.y) * error.y + absolute(normal.z) * error.z
+    distance = select(dot(direction, normal) < splat(VECTOR, 0.0), -distance, distance)
+    x, y, z = distance * normal.x, distance * normal.y, distance * normal.z
+    return Vec3(_away(position.x + x, x), _away(position.y + y, y), _away(position.z + z, z))
+
+
+@inline
+def attenuate(ray: int, distance: Any) -> Any:
+    """Attenuation 1 / (a + b D + c D^2) of four hits' materials over a finite distance."""
+    k = vector_at(ray + ATTENUATION)
+    denominator = k.x + distance * (k.y + distance * k.z)
+    zero = splat(VECTOR, 0.0)
+    return select(denominator > zero, splat(VECTOR, 1.0) / denominator, zero)
+
+
+@inline
+def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
+    """Return (unit direction to the light, attenuation times cone) of four hits."""
+    i = N_LIGHT * light
+    zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
+    if kind == LIGHT_KIND_DIRECTIONAL:  # no distance: nothing but a counts
+        a = load(VECTOR, ray + ATTENUATION)
+        return spread(negate(at(view.lights, i + LIGHT_DIRECTION))), select(a > zero, one / a, zero)
+    position = spread(at(view.lights, i + LIGHT_POSITION))
+    p = vector_at(ray + POSITION)
+    offset = Vec3(position.x - p.x, position.y - p.y, position.z - p.z)
+    distance = sqrt(dot(offset, offset))
+    away = distance > zero  # else the point is the light
+    inverse = select(away, one / distance, zero)
+    to_light = scale(offset, inverse)
+    strength = select(away, attenuate(ray, distance), zero)
+    if kind == LIGHT_KIND_SPOT:  # glTF KHR_lights_punctual
+        d = spread(at(view.lights, i + LIGHT_DIRECTION))
+        cosine = -dot(to_light, d)
+        cone = cosine * splat(VECTOR, view.lights[i + LIGHT_SPOT_SCALE])
+        cone = minimum(maximum(cone + splat(VECTOR, view.lights[i + LIGHT_SPOT_OFFSET]), zero), one)
+        strength = strength * cone * cone
+    return to_light, strength
+
+
+@kernel
+def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> Any:
+    """Find which hits face a light, and make their shadow rays.
+
+    Parameters
+    ----------
+    view, light
+        The scene; row of the light.
+    packet
+        Address of the hits; TO_LIGHT, COSINE and STRENGTH are written.
+    shadows
+        Address of a packet for the shadow rays: ORIGIN, SHEAR, SPEED, AXIS, T_BEST, SKIP, LIGHT are written.
+    lanes
+        The hits.
+    counters
+        Flat, COUNTERS.
+
+    Returns
+    -------
+    int64
+        The hits that face the light and would reflect some of it.
+    """
+    stand_alone()
+    kind = view.light_kind[light]
+    i = N_LIGHT * light
+    zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
+    diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
+    position = spread(at(view.lights, i + LIGHT_POSITION))
+    end = splat(VECTOR, math.inf if kind == LIGHT_KIND_DIRECTIONAL else BEFORE_LIGHT)
+    against = negate(at(view.lights, i + LIGHT_DIRECTION))
+    shear = shear_of(against.x, against.y, against.z)
+    speed = against.z if shear[2] == 2 else (against.y if shear[2] == 1 else against.x)
+    lit = _int64(0)
+    for k in range(VECTORS):
+        bits = (lanes >> (LANES * k)) & NIBBLE
+        if bits == 0:
+            continue
+        ray = packet + STEP * k
+        to_light, strength = _see(view, kind, light, ray)
+        cosine = dot(vector_at(ray + NORMAL), to_light)
+        facing = mask_to_bits(cosine > zero) & bits
+        counters[_SKIPPED_FACING] += population_count(bits & ~facing)
+        if facing == 0:
+            continue
+        kd, ks = multiply(vector_at(ray + DIFFUSE), diffuse), multiply(vector_at(ray + SPECULAR), specular)
+        some = (kd.x > zero) | (kd.y > zero) | (kd.z > zero) | (ks.x > zero) | (ks.y > zero) | (ks.z > zero)
+        useful = mask_to_bits(some & (strength > zero)) & facing
+        counters[_SKIPPED_BLACK] += population_count(facing & ~useful)
+        if useful == 0:
+            continue
+        lit |= useful << (LANES * k)
+        store(ray + TO_LIGHT, to_light.x)
+        store(ray + TO_LIGHT + ROW, to_light.y)
+        store(ray + TO_LIGHT + 2 * ROW, to_light.z)
+        store(ray + COSINE, cosine)
+        store(ray + STRENGTH, strength)
+        origin = offset_origins(ray, to_light)
+        shadow = shadows + STEP * k
+        store(shadow + ORIGIN, origin.x)
+        store(shadow + ORIGIN + ROW, origin.y)
+        store(shadow + ORIGIN + 2 * ROW, origin.z)
+        if kind == LIGHT_KIND_DIRECTIONAL:
+            spread_shear(shadows, k, shear, speed)
+        else:
+            shear_lanes(shadows, k, position.x - origin.x, position.y - origin.y, position.z - origin.z)
+        store(shadow + T_BEST, end)
+        store(shadow + SKIP, load(INTEGERS, ray + START))
+        store(shadow + LIGHT, one)
+        store(shadow + LIGHT + ROW, one)
+        store(shadow + LIGHT + 2 * ROW, one)
+    return lit
+
+
+@kernel
+def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int) -> None:
+    """Add to COLOR what arrives from a light and is reflected.
+
+    Parameters
+    ----------
+    view, light, packet, shadows
+        As `face_light`; LIGHT of the shadow rays is the share that arrives.
+    lanes
+        The hits that get any.
+    """
+    stand_alone()
+    i = N_LIGHT * light
+    zero = splat(VECTOR, 0.0)
+    diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
+    for k in range(VECTORS):
+        bits = (lanes >> (LANES * k)) & NIBBLE
+        if bits == 0:
+            continue
+        ray = packet + STEP * k
+        arriving = scale(vector_at(shadows + LIGHT + STEP * k), load(VECTOR, ray + STRENGTH))
+        reflected = scale(multiply(vector_at(ray + DIFFUSE), diffuse), load(VECTOR, ray + COSINE))
+        ks = multiply(vector_at(ray + SPECULAR), specular)
+        if any_lane((ks.x > zero) | (ks.y > zero) | (ks.z > zero)):
+            half = add(vector_at(ray + TO_LIGHT), negate(vector_at(ray + DIRECTION)))
+            squared = dot(half, half)  # 0 when l = -v
+            n_dot_h = dot(vector_at(ray + NORMAL), half)
+            n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
+            exponent = load(VECTOR, ray + EXPONENT)
+            highlight = select(n_dot_h > zero, exp(exponent * log(maximum(n_dot_h, splat(VECTOR, 1e-300)))), zero)
+            highlight = select(exponent == zero, splat(VECTOR, 1.0), highlight)
+            reflected = add(reflected, scale(ks, highlight))
+        gained = multiply(reflected, arriving)
+        put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))
