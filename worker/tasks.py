@@ -152,6 +152,7 @@ def _asset_resolver(context: WorkerContext) -> AssetResolver:
                     "A file of the scene was not uploaded",
                     f"asset {asset.name!r}: {name!r} with sha256 {sha256} is not in the store",
                     file=name,
+                    expected="an uploaded file: PUT /v1/assets/{sha256}, then send the job again",
                 ) from error
             link = folder / name
             link.parent.mkdir(parents=True, exist_ok=True)

@@ -84,6 +84,7 @@ def test_missing_asset_names_the_file(farm: SmallFarm):
     problem = jobs.view(farm.store, farm.queue, job_id).problem
     assert problem["type"] == "urn:smalti:problem:asset-missing"
     assert problem["file"] == "car.json"
+    assert problem["expected"] == "an uploaded file: PUT /v1/assets/{sha256}, then send the job again"
 
 
 def test_asset_lies_beside_its_companions(farm: SmallFarm):
