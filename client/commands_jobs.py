@@ -17,6 +17,10 @@ if TYPE_CHECKING:  # httpx takes 0.2 s to import: not for `--help`
     from client.models import Job
 
 
+# What the estimate only guesses says so.
+_LABELS = {"cpu_seconds": "CPU seconds, roughly"}
+
+
 def _connect(url: str | None) -> "Client":
     from client.api import Client
 
@@ -211,7 +215,8 @@ def validate(
         terminal.json({"valid": True, **estimate})
         return
     terminal.out(f"{scene} is valid")
-    terminal.table(["", ""], [[key.replace("_", " "), _plain(value)] for key, value in estimate.items()])
+    rows = [[_LABELS.get(key, key.replace("_", " ")), _plain(value)] for key, value in estimate.items()]
+    terminal.table(["", ""], rows)
 
 
 def schema(url: options.Url = None) -> None:

@@ -13,13 +13,14 @@ from types import FrameType
 from typing import Any
 
 import structlog
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.routing import BaseRoute
 
 from service.context import Context, build_context
 from service.handlers import install_handlers
 from service.middleware import SurroundMiddleware
 from service.openapi import DESCRIPTION, build_openapi
+from service.parameters import refuse_unknown
 from service.routes import assets, events, jobs, pages, results, service
 from service.settings import ServiceSettings
 from service.version import VERSION
@@ -73,7 +74,7 @@ def create_app(
     app.state.context = context
     routes: list[BaseRoute] = []
     for router in ROUTERS:
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(refuse_unknown)])
         routes += router.routes
     install_handlers(app, [*app.routes, *routes])
     app.add_middleware(SurroundMiddleware, metrics=context.metrics, allowed_hosts=settings.host_names())

@@ -1,7 +1,7 @@
 """What a scene would take: tiles, samples, rays, memory; what it uses; which files.
 
 Job: answer ``validate_only`` from the document alone, without compiling anything.
-Invariant: bounds are upper bounds, sizes are computed, nothing is guessed about speed: that depends on the machine.
+Invariant: bounds are upper bounds and sizes are computed; the one guess is the time, and it says so.
 """
 
 import hashlib
@@ -21,6 +21,11 @@ _TILE_BYTES_PER_PIXEL = 3 * 4
 _RESULT_BYTES_PER_PIXEL = 12 + 3
 # Python, numpy, numba and its kernels in one worker, measured in the trial of the farm.
 _WORKER_BYTES = 100 << 20
+# About what one core of today traces, rays of all kinds together, where triangles are met in packets. Rough: shapes and
+# glass, which are met ray by ray, take several times longer, an empty picture less.
+_RAYS_PER_CORE_S = 30e6
+# Beside its kernel, a tile costs this much (see `worker.grid`).
+_TILE_S = 0.003
 
 
 def assets_of(scene: SceneDoc) -> dict[str, tuple[str, ...]]:
@@ -48,6 +53,7 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
     x, y, width, height = scene.image.rect
     samples_total = width * height * scene.sampling.samples
     tile_size = tile_size or choose_tile_size(x, y, width, height, scene.sampling.samples)
+    n_tiles = TileGrid(x, y, width, height, tile_size).n_tiles
     meshes = [thing for thing in scene.objects if isinstance(thing, Mesh)]
     n_triangles = sum(len(mesh.faces) for mesh in meshes)
     n_vertices = sum(len(mesh.positions) for mesh in meshes)
@@ -59,7 +65,8 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
         samples_per_pixel=scene.sampling.samples,
         samples_total=samples_total,
         rays_at_most=samples_total * _rays_of_a_path(scene),
-        tiles=TileGrid(x, y, width, height, tile_size).n_tiles,
+        cpu_seconds=_cpu_seconds(samples_total * _rays_expected(scene), n_tiles),
+        tiles=n_tiles,
         memory_bytes=_WORKER_BYTES
         + n_triangles * _TRIANGLE_BYTES
         + n_vertices * _VERTEX_BYTES
@@ -78,12 +85,34 @@ def _rays_of_a_path(scene: SceneDoc) -> int:
 
     At each point a shadow ray to each light, then one reflected and, through a transparent material, one transmitted.
     """
-    lights = sum(not isinstance(light, AmbientLight) for light in scene.lights) if scene.integrator.shadows else 0
-    reflects = any(any(material.kr) for material in scene.materials.values())
-    transmits = any(any(material.kt) for material in scene.materials.values())
-    branches = int(reflects) + int(transmits)
+    branches = _branches(scene)
     points: int = sum(branches**level for level in range(scene.integrator.max_depth + 1))
-    return points * (1 + lights)
+    return points * (1 + _shadow_lights(scene))
+
+
+def _rays_expected(scene: SceneDoc) -> float:
+    """Return how many rays one primary ray causes as a rule, itself included.
+
+    Each bounce is thought to be taken at half of the points: the others are dull, or the ray has left the scene.
+    """
+    points = sum((_branches(scene) / 2) ** level for level in range(scene.integrator.max_depth + 1))
+    return points * (1 + _shadow_lights(scene))
+
+
+def _branches(scene: SceneDoc) -> int:
+    """Return how many rays at most go on from a point: one reflected, one transmitted."""
+    materials = scene.materials.values()
+    return int(any(any(material.kr) for material in materials)) + int(any(any(material.kt) for material in materials))
+
+
+def _shadow_lights(scene: SceneDoc) -> int:
+    """Return how many lights are asked for at a point."""
+    return sum(not isinstance(light, AmbientLight) for light in scene.lights) if scene.integrator.shadows else 0
+
+
+def _cpu_seconds(rays: float, n_tiles: int) -> float:
+    """Return the CPU seconds of this work in two digits: more would promise too much."""
+    return float(f"{rays / _RAYS_PER_CORE_S + n_tiles * _TILE_S:.2g}")
 
 
 def features_of(scene: SceneDoc) -> tuple[list[str], list[str]]:

@@ -93,6 +93,7 @@ ESTIMATE: Final[dict[str, Any]] = {
     "samples_per_pixel": 4,
     "samples_total": 76800,
     "rays_at_most": 460800,
+    "cpu_seconds": 0.027,
     "tiles": 6,
     "memory_bytes": 105054208,
     "result_bytes": 288000,
@@ -135,6 +136,24 @@ READY: Final[dict[str, Any]] = {
     "checks": {"store": "ok", "queue": "ok", "workers": "2 alive"},
 }
 HEALTH: Final[dict[str, Any]] = {"status": "ok", "version": "0.1.0"}
+
+SCENE_SCHEMA: Final[dict[str, Any]] = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "$id": "urn:smalti:scene:1",
+    "title": "Scene",
+    "type": "object",
+    "additionalProperties": False,
+    "required": ["version", "camera", "image"],
+}
+"""Its head: the definitions of materials, lights and objects are left out."""
+METRICS: Final = """\
+# HELP smalti_jobs_accepted_total Jobs made durable and answered.
+# TYPE smalti_jobs_accepted_total counter
+smalti_jobs_accepted_total 12.0
+# HELP smalti_workers_alive Live workers in the registry.
+# TYPE smalti_workers_alive gauge
+smalti_workers_alive 2.0
+"""
 
 _EXTRA: Final[dict[str, dict[str, Any]]] = {
     "illegal-transition": {"current_state": "succeeded", "allowed": []},

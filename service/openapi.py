@@ -26,6 +26,7 @@ Send a scene, get the picture.
 * `POST /v1/jobs` answers 202 once the job is on disk. Every later fault costs time, never the job.
 * `GET /v1/jobs/{id}/events` streams what happens; `Prefer: wait=30` waits in the POST itself.
 * Assets (meshes, textures) are uploaded once under their SHA-256 and named by it in the scene.
+* A query parameter that a call does not know is refused with 422: a mistyped `validate_only` starts nothing.
 * Every error is a problem document (RFC 9457) with a stable `type`; 422 lists every fault with a JSON pointer.
 """
 
@@ -97,6 +98,8 @@ def build_openapi(app: FastAPI, routes: Sequence[BaseRoute]) -> dict[str, Any]:
             if "application/json" in answers.get("422", {}).get("content", {}):
                 del answers["422"]["content"]["application/json"]
                 answers.update({str(key): value for key, value in problem_answers(PARAMETERS_INVALID).items()})
+            # Any call may be sent with a query parameter that it does not know.
+            answers.setdefault("422", problem_answers(PARAMETERS_INVALID)[422])
             answers.setdefault("default", _any_problem())
     components.pop("HTTPValidationError", None)
     components.pop("ValidationError", None)

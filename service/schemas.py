@@ -169,6 +169,10 @@ class Estimate(Sent):
     samples_per_pixel: int
     samples_total: int
     rays_at_most: int = Field(description="Upper bound: every path to full depth, every light asked at each point.")
+    cpu_seconds: float = Field(
+        description="Rough: by samples, lights and bounces, at 30 million rays a second and core, summed over all "
+        "cores. Scenes of shapes and glass take several times longer; preparing a scene comes on top."
+    )
     tiles: int
     memory_bytes: int = Field(description="One worker's memory for the inline scene and one tile; assets come on top.")
     result_bytes: int = Field(description="Size of the pictures without compression.")

@@ -34,6 +34,9 @@ router = APIRouter(prefix="/v1", tags=["jobs"])
 
 LONGEST_WAIT_S: Final = 60
 
+JOB_ID_PATTERN: Final = "^[0-7][0-9a-hjkmnp-tv-z]{25}$"
+"""What ids of jobs look like, and so cursors (see `worker.records`)."""
+
 JobId = Annotated[str, Path(description="The job's id.", examples=[examples.JOB_ID])]
 
 
@@ -246,7 +249,8 @@ async def list_jobs(
     context: InContext,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
     cursor: Annotated[
-        str | None, Query(max_length=64, description="`next_cursor` of the page before.", examples=[examples.JOB_ID])
+        str | None,
+        Query(pattern=JOB_ID_PATTERN, description="`next_cursor` of the page before.", examples=[examples.JOB_ID]),
     ] = None,
     limit: Annotated[int, Query(ge=1, le=200, description="Most jobs of a page.")] = 50,
 ) -> Response:

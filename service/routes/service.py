@@ -131,7 +131,7 @@ async def list_workers(context: InContext) -> Response:
     responses={
         200: {
             "description": "Draft 2020-12.",
-            "content": {"application/schema+json": {"schema": {"type": "object"}}},
+            "content": {"application/schema+json": {"schema": {"type": "object"}, "example": examples.SCENE_SCHEMA}},
         }
     },
 )
@@ -150,7 +150,10 @@ def _schema_bytes() -> bytes:
     response_class=Response,
     summary="Metrics for Prometheus",
     responses={
-        200: {"description": "Text format.", "content": {"text/plain": {"schema": {"type": "string"}}}},
+        200: {
+            "description": "Text format.",
+            "content": {"text/plain": {"schema": {"type": "string"}, "example": examples.METRICS}},
+        },
     },
 )
 async def get_metrics(context: InContext) -> Response:

@@ -15,6 +15,8 @@ from client.api import Client
 URL = "http://127.0.0.1:9"
 SCENE = {"version": 1, "camera": {"type": "perspective", "fov_deg": 40}, "image": {"width": 4, "height": 3}}
 
+ESTIMATE = {"tiles": 1, "cpu_seconds": 0.27, "memory_bytes": 123456789, "features": ["sphere"]}
+
 
 def problem(status: int, slug: str, **more: Any) -> httpx.Response:
     body = {"type": f"urn:smalti:problem:{slug}", "title": slug.replace("-", " "), "status": status, **more}
@@ -108,7 +110,7 @@ class FakeService:
 
     def post_job(self, request: httpx.Request) -> httpx.Response:
         if request.url.params.get("validate_only") == "true":
-            return httpx.Response(200, json={"tiles": 1, "memory_bytes": 123456789, "features": ["sphere"]})
+            return httpx.Response(200, json=ESTIMATE)
         key = request.headers.get("Idempotency-Key", "")
         replayed = key in self.keys
         if not replayed:

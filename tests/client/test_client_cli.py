@@ -239,6 +239,7 @@ def test_validate_asks_the_service_or_checks_here(smalti: Any, fake: Any, scene:
     result = smalti("validate", scene)
     assert result.exit_code == 0
     assert "123 M" in result.stdout
+    assert "CPU seconds, roughly  0.27\n" in result.stdout
     assert json.loads(smalti("validate", scene, "--json").stdout)["tiles"] == 1
     fake.next("POST", "/v1/jobs", *[httpx.ConnectError("refused")] * 99)
     assert "checked here" in smalti("validate", scene).stderr

@@ -55,6 +55,28 @@ def test_rays_are_bounded(materials: dict[str, Any], depth: int, shadows: bool, 
     assert estimate(found, b"", 64).rays_at_most == 100 * 40 * 4 * rays
 
 
+@pytest.mark.parametrize(
+    ("materials", "depth", "rays"),
+    [
+        ({}, 3, 1 + 2),
+        ({"m": {"kr": 0.5}}, 0, 3),
+        ({"m": {"kr": 0.5}}, 2, (1 + 1 / 2 + 1 / 4) * 3),  # each bounce at half of the points
+        ({"m": {"kr": 0.5}, "n": {"kt": 0.5}}, 2, (1 + 1 + 1) * 3),
+    ],
+)
+def test_time_goes_by_samples_lights_and_bounces(materials: dict[str, Any], depth: int, rays: float) -> None:
+    lights = [{"type": "point", "position": [0, 1, 0]}, {"type": "directional", "direction": [0, -1, 0]}]
+    found = scene(
+        image={"width": 1000, "height": 500},
+        sampling={"samples": 64},
+        materials=materials,
+        integrator={"max_depth": depth},
+        lights=[*lights, {"type": "ambient", "intensity": 1}],
+    )
+    seconds = 1000 * 500 * 64 * rays / 30e6 + 2 * 0.003  # of a core, and two tiles
+    assert estimate(found, b"", 512).cpu_seconds == pytest.approx(seconds, rel=0.05)
+
+
 def test_memory_grows_with_inline_meshes() -> None:
     one, ten = (estimate(scene(objects=[TRIANGLE] * n), b"", 64).memory_bytes for n in (1, 10))
     # Each: 3 vertices with normal, UV and colour, and indices, nodes and attributes of a triangle.

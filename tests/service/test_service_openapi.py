@@ -87,6 +87,18 @@ def test_examples_are_valid_and_everywhere(document: dict[str, Any]) -> None:
     assert n_examples > 40
 
 
+def test_the_examples_of_schema_and_metrics_are_true(farm: Farm, document: dict[str, Any]) -> None:
+    def example(path: str, media_type: str) -> Any:
+        return document["paths"][path]["get"]["responses"]["200"]["content"][media_type]["example"]
+
+    schema = farm.client.get("/v1/schema").json()
+    assert example("/v1/schema", "application/schema+json").items() <= schema.items()
+    scraped = farm.client.get("/metrics").text
+    kinds = [line for line in example("/metrics", "text/plain").splitlines() if line.startswith("#")]
+    assert kinds
+    assert set(kinds) <= set(scraped.splitlines())
+
+
 def test_the_example_of_a_request_is_accepted(farm: Farm, document: dict[str, Any]) -> None:
     body = document["paths"]["/v1/jobs"]["post"]["requestBody"]["content"]["application/json"]
     for example in body["examples"].values():
