@@ -47,7 +47,8 @@ EXIT_CODE_MEANINGS: Mapping[ExitCode, str] = {
     ExitCode.CANCELED: "the job was canceled",
     ExitCode.NOT_REACHABLE: "the service is not reachable",
     ExitCode.NOT_FOUND: "no such job or result",
-    ExitCode.CONFLICT: "conflict: the job's state does not allow it, or an idempotency key was used twice",
+    ExitCode.CONFLICT: "conflict: the job's state does not allow it, an idempotency key was used before, "
+    "or the port or the store of `serve` is in use",
     ExitCode.TIMED_OUT: "timed out; the job goes on",
     ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
 }
@@ -194,18 +195,18 @@ def error_from_problem(problem: Mapping[str, Any], status: int) -> SmaltiError:
     title = str(problem.get("title") or f"HTTP {status}")
     detail = str(problem.get("detail") or "")
     message = detail if detail and title.rstrip(".").lower() in detail.lower() else f"{title}: {detail}".rstrip(": ")
+    kind = str(problem.get("type", "")).rpartition(":")[2]
+    if kind.startswith("idempotency") and status in {410, 422}:
+        return ConflictError(message, problem=problem)
     if status in {404, 410}:
         return NotFoundError(message, problem=problem)
     if status == 409:
         allowed = problem.get("allowed")
         hint = f"allowed now: {', '.join(map(str, allowed))}" if isinstance(allowed, list) and allowed else ""
         return ConflictError(message, problem=problem, hint=hint)
-    kind = str(problem.get("type", "")).rpartition(":")[2]
     if status == 422:
-        # One status for three kinds: a key used twice, a wrong upload or request, and (most often) a bad scene.
+        # One status for several kinds: a wrong upload or request, and (most often) a bad scene.
         faults = parse_faults(problem)
-        if kind.startswith("idempotency"):
-            return ConflictError(message, problem=problem)
         if kind == "hash-mismatch":
             return AssetError(message, problem=problem)
         if kind in {"request-invalid", "parameters-invalid"}:

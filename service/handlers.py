@@ -27,6 +27,7 @@ from service.validation import invalid
 from tracer.scene.faults import Fault, pointer_of, shown
 from tracer.scene.schema import Schema, described, without_references
 from worker import errors
+from worker.jobs import KeySpentError
 
 log = structlog.get_logger()
 
@@ -66,6 +67,11 @@ def from_farm(error: errors.FarmError) -> Problem:
             return Problem(
                 problems.IDEMPOTENCY_MISMATCH,
                 "The Idempotency-Key belongs to a request with another body: use a new key.",
+            )
+        case KeySpentError():
+            return Problem(
+                problems.IDEMPOTENCY_SPENT,
+                "This request was accepted before and its job was deleted: use a new Idempotency-Key to render again.",
             )
         case errors.StoreFullError():
             return Problem(

@@ -84,6 +84,9 @@ IDEMPOTENCY_IN_FLIGHT = ProblemType(
 IDEMPOTENCY_MISMATCH = ProblemType(
     "idempotency-mismatch", 422, "This key was used for another request", "Use a new key for a new request."
 )
+IDEMPOTENCY_SPENT = ProblemType(
+    "idempotency-spent", 410, "The job of this key was deleted", "Use a new key to render it again."
+)
 TOO_LARGE = ProblemType("too-large", 413, "The body is too large", "The limit, in bytes, is in limit_bytes.")
 MEDIA_TYPE_UNSUPPORTED = ProblemType(
     "media-type-unsupported", 415, "The body's media type is not supported", "Send application/json, in UTF-8."

@@ -6,27 +6,40 @@ See ARCHITECTURE.md, "Two ideas carry it".
 """
 
 import hashlib
+import json
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from worker import files
 from worker.errors import (
+    DamagedRecordError,
+    FarmError,
     IdempotencyConflictError,
     IllegalTransitionError,
     JobActiveError,
     JobNotFoundError,
     QueueError,
+    StoreFullError,
 )
 from worker.grid import TileGrid, choose_tile_size
 from worker.queue import IndexProgress, Queue
-from worker.records import JobEvent, JobRecord, new_job_id, now, seconds_between
+from worker.records import JobEvent, JobRecord, check_owner, new_job_id, now, seconds_between
 from worker.states import TERMINAL, JobState, allowed_from
 from worker.store import Store
 from worker.uploads import hash_key
 
 if TYPE_CHECKING:
     from tracer.scene import SceneDoc
+
+# What a key is bound to once its job was deleted: no job has this id, for it would be of the year 1970.
+_DELETED = "0" * 26
+
+
+class KeySpentError(FarmError):
+    """The idempotency key's job was deleted: the same request again must not make a second one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,19 +186,25 @@ def submit(
     ------
     IdempotencyConflictError
         The key belongs to another request.
+    KeySpentError
+        The key's job was deleted.
     StoreFullError
     """
     if scene_json is None:
         from tracer.scene import canonical_json
 
         scene_json = canonical_json(scene)
-    job_id = new_job_id()
+    job_id = own_id = new_job_id()
     if idempotency_key is not None:
-        first_sha256, job_id = store.put_idempotency(owner, idempotency_key, request_sha256, job_id)
+        first_sha256, job_id = store.put_idempotency(owner, idempotency_key, request_sha256, own_id)
         if first_sha256 != request_sha256:
             raise IdempotencyConflictError
         if store.has_job(job_id):
             return Submission(job_id, replayed=True)
+        if job_id != own_id:  # deleted, even just now? The key is marked before its job goes.
+            _, job_id = store.put_idempotency(owner, idempotency_key, request_sha256, own_id)
+            if job_id == _DELETED:
+                raise KeySpentError
         # The first request died between its key and its job, or is about to write it: whoever is first creates it.
     record = make_record(
         scene,
@@ -283,7 +302,7 @@ def clean_up(store: Store, queue: Queue, job_id: str) -> None:
 
 
 def delete(store: Store, queue: Queue, job_id: str) -> None:
-    """Remove a job that has ended, with its results.
+    """Remove a job that has ended, with its results; its idempotency key stays spent for the rest of its day.
 
     Raises
     ------
@@ -294,9 +313,26 @@ def delete(store: Store, queue: Queue, job_id: str) -> None:
     state = store.last_event(job_id).state
     if state not in TERMINAL:
         raise JobActiveError(state)
+    with suppress(DamagedRecordError, StoreFullError):  # above all, a full store must get rid of jobs
+        _spend_key(store, store.read_job(job_id))
     store.delete_job(job_id)
     with suppress(QueueError):
         queue.forget_job(job_id)
+
+
+def _spend_key(store: Store, record: JobRecord) -> None:
+    """Mark the key of a job that is about to be deleted; a key that was swept, or is another job's, is left alone."""
+    if record.idempotency_key_sha256 is None:
+        return
+    path = store.root / "idempotency" / check_owner(record.owner) / record.idempotency_key_sha256
+    try:
+        bound = json.loads(path.read_bytes())
+        times = path.stat()
+    except (FileNotFoundError, ValueError):
+        return
+    if isinstance(bound, dict) and bound.get("job_id") == record.id:
+        files.replace(path, json.dumps({**bound, "job_id": _DELETED}).encode(), store.temporary)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))  # a day from the first request, not from now
 
 
 def view(store: Store, queue: Queue, job_id: str) -> JobView:

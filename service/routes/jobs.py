@@ -67,6 +67,7 @@ JobId = Annotated[str, Path(description="The job's id.", examples=[examples.JOB_
             problems.MALFORMED_JSON,
             problems.ASSETS_MISSING,
             problems.IDEMPOTENCY_IN_FLIGHT,
+            problems.IDEMPOTENCY_SPENT,
             problems.TOO_LARGE,
             problems.MEDIA_TYPE_UNSUPPORTED,
             problems.SCENE_INVALID,
@@ -88,7 +89,8 @@ async def create_job(
         Header(
             min_length=1,
             max_length=255,
-            description="Sent again with the same body within a day, it gives the same job.",
+            description="Sent again with the same body within a day, it gives the same job; 410 once that job was "
+            "deleted.",
             examples=["4f8b0c9e-1d2a-4c56-9f0e-7a1b2c3d4e5f"],
         ),
     ] = None,
@@ -313,6 +315,6 @@ async def cancel_job(context: InContext, job_id: JobId) -> Response:
     responses={204: {"description": "Gone."}, **problem_answers(problems.JOB_NOT_FOUND, problems.JOB_RUNNING)},
 )
 async def delete_job(context: InContext, job_id: JobId) -> Response:
-    """Remove a job that has ended; 409 while it runs."""
+    """Remove a job that has ended; 409 while it runs. Its Idempotency-Key stays spent for the rest of its day."""
     await anyio.to_thread.run_sync(jobs.delete, context.store, context.queue, job_id)
     return Response(status_code=204)

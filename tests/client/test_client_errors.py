@@ -18,6 +18,7 @@ def test_every_exit_code_is_documented() -> None:
         (410, "job-deleted", errors.NotFoundError, 7),
         (409, "result-not-ready", errors.ConflictError, 8),
         (422, "idempotency-mismatch", errors.ConflictError, 8),
+        (410, "idempotency-spent", errors.ConflictError, 8),
         (422, "scene-invalid", errors.SceneInvalidError, 3),
         (422, "hash-mismatch", errors.AssetError, 3),
         (422, "request-invalid", errors.UsageError, 2),

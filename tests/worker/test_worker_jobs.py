@@ -1,6 +1,7 @@
 """Submit, view, cancel, delete; with the queue there and with the queue away."""
 
 import json
+import os
 
 import pytest
 from worker_farm import SmallFarm, make_scene
@@ -45,6 +46,58 @@ def test_same_key_same_job(farm: SmallFarm):
     with pytest.raises(IdempotencyConflictError):
         submit("b")
     assert list(farm.store.job_ids()) == [first.job_id]
+
+
+def ended_with_key(farm: SmallFarm) -> str:
+    job_id = jobs.submit(
+        farm.store, farm.queue, make_scene(), owner="me", idempotency_key="k", request_sha256="a"
+    ).job_id
+    jobs.cancel(farm.store, farm.queue, job_id)
+    return job_id
+
+
+def submit_again(farm: SmallFarm) -> jobs.Submission:
+    return jobs.submit(farm.store, farm.queue, make_scene(), owner="me", idempotency_key="k", request_sha256="a")
+
+
+def test_a_key_is_spent_for_a_day_from_its_first_request(farm: SmallFarm):
+    job_id = ended_with_key(farm)
+    (path,) = (farm.store.root / "idempotency" / "me").iterdir()
+    os.utime(path, (1_000_000, 1_000_000))
+    jobs.delete(farm.store, farm.queue, job_id)
+    with pytest.raises(jobs.KeySpentError):
+        submit_again(farm)
+    assert path.stat().st_mtime == 1_000_000
+    farm.store.sweep(60.0)
+    assert not submit_again(farm).replayed
+
+
+def test_a_key_is_spent_before_its_job_is_gone(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    """Whoever looks in between, or a crash there, must not bring about a second job."""
+    job_id = ended_with_key(farm)
+    put, has = farm.store.put_idempotency, farm.store.has_job
+
+    def delete_meanwhile(*arguments: str) -> tuple[str, str]:
+        found = put(*arguments)
+        if has(job_id):
+            jobs.delete(farm.store, farm.queue, job_id)
+        return found
+
+    monkeypatch.setattr(farm.store, "put_idempotency", delete_meanwhile)
+    with pytest.raises(jobs.KeySpentError):
+        submit_again(farm)
+    assert list(farm.store.job_ids()) == []
+
+
+def test_a_full_store_still_deletes(farm: SmallFarm, monkeypatch: pytest.MonkeyPatch):
+    job_id = ended_with_key(farm)
+
+    def full(*_: object, **__: object) -> None:
+        raise StoreFullError
+
+    monkeypatch.setattr("worker.files.replace", full)
+    jobs.delete(farm.store, farm.queue, job_id)
+    assert list(farm.store.job_ids()) == []
 
 
 def test_death_between_key_and_job_is_mended_by_the_retry(farm: SmallFarm):

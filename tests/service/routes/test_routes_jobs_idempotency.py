@@ -46,13 +46,15 @@ def test_a_refused_request_does_not_use_up_its_key(farm: Farm) -> None:
     assert farm.post(headers={KEY: "corrected"}).status_code == 202
 
 
-def test_the_job_of_a_deleted_key_is_made_anew(farm: Farm) -> None:
+def test_a_key_outlives_its_deleted_job(farm: Farm) -> None:
     job_id = farm.post(headers={KEY: "deleted"}).json()["id"]
     farm.finish(job_id)
-    farm.client.delete(f"/v1/jobs/{job_id}")
-    again = farm.post(headers={KEY: "deleted"})
-    assert again.status_code == 202
-    assert again.json()["id"] != job_id
+    assert farm.client.delete(f"/v1/jobs/{job_id}").status_code == 204
+    before = set(farm.store.job_ids())
+    body = assert_problem(farm.post(headers={KEY: "deleted"}), 410, "idempotency-spent")
+    assert "use a new Idempotency-Key" in body["detail"]
+    assert_problem(farm.post(scene(name="other"), headers={KEY: "deleted"}), 422, "idempotency-mismatch")
+    assert set(farm.store.job_ids()) == before
 
 
 @pytest.mark.parametrize("key", ["", "k" * 256])
