@@ -8,17 +8,21 @@
 ([1.0], [0])
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tracer.accel.layout import HEADER_WIDE_LEAVES
 from tracer.accel.wide import WideBvh, build_wide
-from tracer.rays.single import any_single, closest_single, count_single
+from tracer.rays.leaf import ANY, CLOSEST, COUNT
+from tracer.rays.single import trace_single
+from tracer.rays.stream import trace_stream
 
-_CHUNK: Final = 8192  # rays handed to a thread at a time
+CHUNK: Final = 8192  # rays handed to a thread at a time
+_NOTHING: Final = np.empty(0)
+_FEW: Final = 8  # up to so many rays, the single path is faster than the stream
 
 
 class Hits(NamedTuple):
@@ -28,6 +32,28 @@ class Hits(NamedTuple):
     primitive: NDArray[np.int32]  # (n,) row of `faces`; -1 for a miss
     u: NDArray[np.float64]  # (n,) weight of the face's second vertex; 0 for a miss
     v: NDArray[np.float64]  # (n,) weight of the face's third vertex; the first has 1 - u - v
+
+
+class Rays(NamedTuple):
+    """A batch of rays in the form that kernels take."""
+
+    origins: NDArray[Any]  # (n, 3) float32 or float64
+    directions: NDArray[Any]  # (n, 3) float32 or float64
+    tmin: NDArray[np.float64]  # (n,), or (1,) for all
+    tmax: NDArray[np.float64]
+
+    @property
+    def n(self) -> int:
+        """How many."""
+        return len(self.origins)
+
+    @property
+    def packed(self) -> tuple[Any, ...]:
+        """What :func:`tracer.rays.start.addresses_of` takes: one type for float32 and float64, so one kernel."""
+        words: list[Any] = []
+        for array in (self.origins, self.directions):
+            words += [array.reshape(-1).view(np.int32), int(array.dtype == np.float64)]
+        return (*words, self.tmin, self.tmax)
 
 
 class RayCaster:
@@ -71,8 +97,6 @@ class RayCaster:
 
     def _use(self, bvh: WideBvh) -> None:
         self.bvh = bvh
-        wide = bool(bvh.buffer[HEADER_WIDE_LEAVES])
-        self._rows = np.empty(0, np.float64 if wide else np.float32)
 
     def closest_hit(
         self,
@@ -104,10 +128,9 @@ class RayCaster:
         ValueError
             Arrays of shapes that do not fit together.
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        n = len(rays[0])
-        hits = Hits(np.empty(n), np.empty(n, np.int32), np.empty(n), np.empty(n))
-        self._run(closest_single, rays, tuple(hits), threads)
+        rays = checked_rays(origins, directions, tmin, tmax)
+        hits = Hits(np.empty(rays.n), np.empty(rays.n, np.int32), np.empty(rays.n), np.empty(rays.n))
+        self._run(CLOSEST, rays, hits, threads)
         return hits
 
     def any_hit(
@@ -125,10 +148,10 @@ class RayCaster:
         -------
         bool (n,)
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        met = np.empty(len(rays[0]), np.bool_)
-        self._run(any_single, rays, met, threads)
-        return met
+        rays = checked_rays(origins, directions, tmin, tmax)
+        met = np.empty(rays.n, np.int32)
+        self._run(ANY, rays, Hits(_NOTHING, met, _NOTHING, _NOTHING), threads)
+        return met.astype(np.bool_)
 
     def count_hits(
         self,
@@ -148,35 +171,42 @@ class RayCaster:
         -------
         int32 (n,)
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        counts = np.empty(len(rays[0]), np.int32)
-        self._run(count_single, rays, counts, threads)
+        rays = checked_rays(origins, directions, tmin, tmax)
+        counts = np.empty(rays.n, np.int32)
+        self._run(COUNT, rays, Hits(_NOTHING, counts, _NOTHING, _NOTHING), threads)
         return counts
 
-    def _run(self, kernel: Any, rays: tuple[Any, ...], results: Any, threads: int) -> None:
-        """Run a kernel over all rays, in chunks on several threads; each writes its own rows."""
-        n = len(rays[0])
-        if threads <= 1 or n <= _CHUNK:
-            kernel(self._rows, self.bvh.buffer, *rays, 0, n, results)
-            return
+    def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
+        """Answer all rays, in chunks on several threads; each writes its own rows."""
+        n = rays.n
 
         def chunk(start: int) -> None:
-            kernel(self._rows, self.bvh.buffer, *rays, start, min(start + _CHUNK, n), results)
+            end = min(start + CHUNK, n)
+            run = choose_path(rays, start, end)
+            run(self.bvh.buffer, rays.packed, start, end, mode, *hits)
 
+        if threads <= 1 or n <= CHUNK:
+            for start in range(0, n, CHUNK):
+                chunk(start)
+            return
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(chunk, range(0, n, _CHUNK)))
+            list(pool.map(chunk, range(0, n, CHUNK)))
 
 
-def _checked_rays(
-    origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
-    """Bring rays into the forms that the kernels take."""
+def choose_path(rays: Rays, start: int, end: int) -> Callable[..., None]:
+    """Choose the kernel for rays start..end of a batch: the one door for further paths; all give the same answers."""
+    del rays
+    return trace_single if end - start <= _FEW else trace_stream
+
+
+def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike) -> Rays:
+    """Bring rays into the form that the kernels take."""
     vectors = []
     for name, given in (("origins", origins), ("directions", directions)):
         array = np.asarray(given)
         if array.ndim != 2 or array.shape[1] != 3:
             raise ValueError(f"{name}: shape {array.shape}, expected (n, 3)")
-        if array.dtype not in (np.float32, np.float64):
+        if array.dtype not in {np.dtype(np.float32), np.dtype(np.float64)}:
             array = array.astype(np.float64)
         vectors.append(np.ascontiguousarray(array))
     n = len(vectors[0])
@@ -188,4 +218,4 @@ def _checked_rays(
         if limit.shape not in {(1,), (n,)}:
             raise ValueError(f"{name}: shape {limit.shape}, expected a scalar or ({n},)")
         limits.append(np.ascontiguousarray(limit))
-    return vectors[0], vectors[1], limits[0], limits[1]
+    return Rays(vectors[0], vectors[1], limits[0], limits[1])

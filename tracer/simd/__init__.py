@@ -41,6 +41,7 @@ from tracer.simd.lanes import (
     compress,
     concatenate,
     count_trailing_zeros,
+    deinterleave,
     extract,
     insert,
     iota,
@@ -53,6 +54,7 @@ from tracer.simd.lanes import (
     reduce_max,
     reduce_min,
     select,
+    transpose,
     unlikely,
     upper_half,
 )
@@ -97,6 +99,7 @@ __all__ = [
     "convert",
     "cos",
     "count_trailing_zeros",
+    "deinterleave",
     "element_type",
     "exp",
     "extract",
@@ -146,6 +149,7 @@ __all__ = [
     "stack_memory",
     "store",
     "to_bits",
+    "transpose",
     "unlikely",
     "upper_half",
 ]
