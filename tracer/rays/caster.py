@@ -129,7 +129,10 @@ class RayCaster:
             Arrays of shapes that do not fit together.
         """
         rays = checked_rays(origins, directions, tmin, tmax)
-        hits = Hits(np.empty(rays.n), np.empty(rays.n, np.int32), np.empty(rays.n), np.empty(rays.n))
+        n = rays.n
+        memory = np.empty(28 * n, np.uint8)  # in one piece: large ones come in large pages
+        floats = memory[: 24 * n].view(np.float64)
+        hits = Hits(floats[:n], memory[24 * n :].view(np.int32), floats[n : 2 * n], floats[2 * n :])
         self._run(CLOSEST, rays, hits, threads)
         return hits
 

@@ -15,11 +15,15 @@ from tracer.simd import (
     convert,
     count_trailing_zeros,
     float32x4,
+    float32x8,
     float64x4,
+    float64x8,
     load,
     mask_to_bits,
     maximum,
     minimum,
+    multiply_add,
+    select,
     splat,
     store,
 )
@@ -48,6 +52,73 @@ LEAF_SCRATCH_BYTES: Final = 4 * 8 * LANES
 @inline
 def _spread(address: int) -> Any:
     return splat(_vector, load(_float64, address))
+
+
+@inline
+def _coarse(address: int) -> Any:
+    return splat(float32x8, load(_float32, address))
+
+
+@inline
+def _coarse_rows(at: int, row: int, wide: int) -> Any:
+    """Load one coordinate of a leaf's A, B and C, eight triangles, rounded to float32."""
+    if wide != 0:
+        return (
+            convert(_float32, load(float64x8, at)),
+            convert(_float32, load(float64x8, at + 3 * row)),
+            convert(_float32, load(float64x8, at + 6 * row)),
+        )
+    return load(float32x8, at), load(float32x8, at + 3 * row), load(float32x8, at + 6 * row)
+
+
+@inline
+def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
+    """Return the bits of a leaf's triangles (n up to 8) that may be met; the others surely are not.
+
+    The edge functions in float32. With eps = 2**-24 and Q the largest coordinate of ray and object, a coarse x or y is
+    off by at most 14 eps Q < D = COARSE_ERROR: 4 eps Q for v - o, 6 eps Q for S z, 4 eps Q for their difference. With
+    L the largest |x|, |y| of the three vertices, an edge function is off by 4 D (L + D) for that, and by 4 eps L**2 for
+    its own roundings: in all less than E = (L + D) (5 D + 2**-21 (L + D)). A triangle is sifted out when one of its
+    three edge functions is below -E and another above E: then the exact ones differ in sign.
+
+    And it is when it lies before tmin: for the weights' mean m of z / d, the sum over U (z / d - tmin) is
+    (m - tmin) (U + V + W), in float32 within E (|A.z| + |B.z| + |C.z| + 3 tmin) + D (|U| + |V| + |W|) and roundings of
+    2**-21 of the products; the predicate's own t is off by less than those. A NaN stays.
+    """
+    row = n << (2 + wide)
+    shear_x, shear_y = _coarse(state + s.COARSE_SHEAR), _coarse(state + s.COARSE_SHEAR + 4)
+    # o - v, not v - o: all x and y change sign, their products do not, and the load is part of the subtraction
+    o = _coarse(state + s.COARSE_ORIGIN + 8)
+    az, bz, cz = _coarse_rows(leaf + load(_int64, state + s.AXIS_Z) * row, row, wide)
+    az, bz, cz = o - az, o - bz, o - cz
+    o = _coarse(state + s.COARSE_ORIGIN)
+    ax, bx, cx = _coarse_rows(leaf + load(_int64, state + s.AXIS_X) * row, row, wide)
+    ax, bx, cx = multiply_add(shear_x, az, o - ax), multiply_add(shear_x, bz, o - bx), multiply_add(shear_x, cz, o - cx)
+    o = _coarse(state + s.COARSE_ORIGIN + 4)
+    ay, by, cy = _coarse_rows(leaf + load(_int64, state + s.AXIS_Y) * row, row, wide)
+    ay, by, cy = multiply_add(shear_y, az, o - ay), multiply_add(shear_y, bz, o - by), multiply_add(shear_y, cz, o - cy)
+    u = multiply_add(cx, by, -(cy * bx))
+    v = multiply_add(ax, cy, -(ay * cx))
+    w = multiply_add(bx, ay, -(by * ax))
+    largest = maximum(
+        maximum(maximum(absolute(ax), absolute(ay)), maximum(absolute(bx), absolute(by))),
+        maximum(absolute(cx), absolute(cy)),
+    )
+    off = _coarse(state + s.COARSE_ERROR)
+    largest = largest + off
+    e = largest * multiply_add(largest, splat(float32x8, _float32(2.0**-21)), off * splat(float32x8, _float32(5.0)))
+    low = minimum(u, minimum(v, w))
+    high = maximum(u, maximum(v, w))
+    out = (low < -e) & (high > e)
+    weight = (absolute(u) + absolute(v)) + absolute(w)
+    total = (u + v) + w
+    entry = _coarse(state + s.COARSE_ENTRY)
+    ahead = multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN) - entry * total
+    depth = ((absolute(az) + absolute(bz)) + absolute(cz)) + entry * splat(float32x8, _float32(3.0))
+    slack = multiply_add(weight, splat(float32x8, _float32(2.0**-20)), e) * depth + weight * (off + off)
+    zero = splat(float32x8, _float32(0.0))
+    out = out | (select(total < zero, -ahead, ahead) < -slack)
+    return ~mask_to_bits(out) & ((1 << n) - 1)
 
 
 @inline
@@ -222,13 +293,15 @@ def _take(wide: int, leaf: int, n: int, first: int, met: int, state: int, scratc
 
 
 @inline
-def visit_leaf(wide: int, leaf: int, n: int, state: int, scratch: int, mode: int) -> bool:
-    """Test a leaf and note what it brings; True when the ray's answer changed.
+def visit_triangles(wide: int, leaf: int, n: int, left: int, state: int, scratch: int, mode: int) -> bool:
+    """Test the triangles of a leaf whose bits are set and note what they bring; True when the ray's answer changed.
 
     Closest: the least (t, id) is kept in the state. Any: BEST_ID becomes 0. Count: BEST_ID, from -1, is increased.
     """
     changed = False
-    for first in range(0, n, LANES):
+    while left != 0:
+        first = count_trailing_zeros(left)
+        left &= ~(_int64((1 << LANES) - 1) << first)
         met, unsure = test_leaf(wide, leaf, n, first, state, scratch)
         if met | unsure != 0:
             if unsure != 0:
@@ -236,6 +309,12 @@ def visit_leaf(wide: int, leaf: int, n: int, state: int, scratch: int, mode: int
             if _take(wide, leaf, n, first, met, state, scratch, mode):
                 changed = True
     return changed
+
+
+@inline
+def visit_leaf(wide: int, leaf: int, n: int, state: int, scratch: int, mode: int) -> bool:
+    """Test all triangles of a leaf; as `visit_triangles`."""
+    return visit_triangles(wide, leaf, n, sift_leaf(wide, leaf, n, state), state, scratch, mode)
 
 
 @inline

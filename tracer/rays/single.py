@@ -12,7 +12,7 @@ from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.leaf import ANY, CLOSEST, LEAF_SCRATCH_BYTES, finish, visit_leaf
-from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, start_rays
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, reach_of, start_rays
 from tracer.simd import (
     address_of,
     count_trailing_zeros,
@@ -102,7 +102,6 @@ def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int)
     first = _spread(state + s.F_MIN)
     best = load(_float32, state + s.F_BEST)
     last = splat(float32x8, best)
-    up = splat(float32x8, _float32(s.UP))
     limit = (_int64(to_bits(best)) << 32) | 0xFFFFFFFF
     store(stack, _int64(_END))
     top = stack + 8
@@ -124,7 +123,7 @@ def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int)
                 ),
                 minimum(multiply_add(load(float32x8, node + far_z), rz, far_pz), last),
             )
-            hits = mask_to_bits(enter <= leave * up)
+            hits = mask_to_bits(enter <= leave)
             children = node + NODE_CHILDREN
             if hits == 0:
                 break
@@ -196,6 +195,7 @@ def trace_single(
     """
     base = address_of(tree)
     addresses = addresses_of(rays)
+    reach = reach_of(base)
     outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     states = stack_memory(_STATES_BYTES)
     slots = stack_memory(_SLOTS_BYTES)
@@ -207,7 +207,7 @@ def trace_single(
         store(slots + 8 * k, states + k * s.STATE_BYTES)
     for i in range(start, end, LANES):
         count = min(end - i, LANES)
-        start_rays(slots, base, addresses, i, count, rest)
+        start_rays(slots, base, reach, addresses, i, count, rest)
         for k in range(count):
             state = states + k * s.STATE_BYTES
             if load(_int64, state + s.NODE) != END:

@@ -41,8 +41,11 @@ ROOT: Final = HEADER_BYTES // UNIT << 3  # child word of the tree's root
 END: Final = LEAF_BIT  # a leaf in the header, where none is: nothing is left to visit
 
 _ROUNDING: Final = 2.0**-21
+_LATE: Final = 2.0**-18
 _LEAST_D: Final = 1e-18  # smaller direction components count as this: over the frame they move a ray by 4e-18
 _WELL: Final = 2.0**-20  # frame time that a well-shaped triangle's t can be off: 6 * 2**-24, and room
+COARSE_ROUNDING: Final = 2.0**-20  # of the largest coordinate: 12 * 2**-24, and room; see tracer.rays.leaf
+COARSE_LEAST: Final = 1e-18  # its square is above what float32 products lose to underflow
 _FINITE: Final = 1.7976931348623157e308
 _INF: Final = float("inf")
 
@@ -82,7 +85,7 @@ def _slab(origin: Any, direction: Any, slop: Any) -> Any:
     d = select(absolute(d) < _f32(_LEAST_D), _f32(_LEAST_D), d)
     r = _f32(1.0) / d
     p = -o * r
-    pad = absolute(p) * _f32(_ROUNDING) + slop * absolute(r)
+    pad = (absolute(p) * _f32(_ROUNDING) + _f32(_LATE)) + slop * absolute(r)
     return r, p - pad, p + pad, d < _f32(0.0)
 
 
@@ -113,7 +116,7 @@ def _store_rows(states: int, field: int, a: Any, b: Any, c: Any, d: Any) -> None
 
 @inline
 def start_four(
-    states: int, base: int, origins: int, wide_o: int, directions: int, wide_d: int, t_min: Any, t_max: Any
+    states: int, base: int, reach: float, origins: int, wide_o: int, directions: int, wide_d: int, t_min: Any, t_max: Any
 ) -> None:
     """Fill four states from four consecutive rays and the tree at address ``base``.
 
@@ -126,6 +129,8 @@ def start_four(
         Address of four int64, the states' addresses. STACK, STACK_TOP and RAY_INDEX are left to the caller.
     base
         Address of the tree.
+    reach
+        From `reach_of`.
     origins, directions
         Addresses of four rows of three values: float64 where ``wide_o`` and ``wide_d`` are not 0, else float32.
     t_min, t_max
@@ -205,6 +210,13 @@ def start_four(
     _store_rows(states, s.R, rx, ry, rz, f_min)
     _store_rows(states, s.P_NEAR, near_x, near_y, near_z, f_best)
     _store_rows(states, s.P_FAR, far_x, far_y, far_z, f_best)
+    coarse = convert(_float32, sheared_x), convert(_float32, sheared_y), convert(_float32, sheared_z)
+    size = maximum(maximum(absolute(coarse[0]), absolute(coarse[1])), maximum(absolute(coarse[2]), _f32(reach)))
+    error = size * _f32(COARSE_ROUNDING) + _f32(COARSE_LEAST)
+    _store_rows(states, s.COARSE_ORIGIN, coarse[0], coarse[1], coarse[2], error)
+    sign = select(major < zero, one, -one)
+    nearest = convert(_float32, t_min * absolute(major))
+    _store_rows(states, s.COARSE_SHEAR, -convert(_float32, shear_x), -convert(_float32, shear_y), convert(_float32, sign), nearest)
 
 
 @inline
@@ -228,17 +240,28 @@ def addresses_of(rays: Any) -> Any:
 
 
 @inline
+def reach_of(base: int) -> Any:
+    """Return the largest coordinate of a tree's triangles, a little more than it is."""
+    reach = 0.0
+    scale = load(_float64, base + 8 * FRAME_SCALE)
+    for axis in range(3):
+        half = load(_float64, base + 8 * (FRAME_HALF + axis))
+        reach = max(reach, abs(load(_float64, base + 8 * (FRAME_CENTRE + axis))) + half / scale)
+    return reach * (1.0 + 2.0**-20)
+
+
+@inline
 def _coordinate(address: int, wide: int, k: int) -> Any:
     return load(_float64, address + 8 * k) if wide != 0 else _float64(load(_float32, address + 4 * k))
 
 
 @inline
-def start_rays(states: int, base: int, rays: Any, i: int, count: int, scratch: int) -> None:
+def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: int, scratch: int) -> None:
     """Start rays i .. i + count, 1 to 4 of them; behind the last come rays that meet nothing.
 
     Parameters
     ----------
-    states, base
+    states, base, reach
         As for `start_four`: always four states.
     rays
         From `addresses_of`.
@@ -263,4 +286,4 @@ def start_rays(states: int, base: int, rays: Any, i: int, count: int, scratch: i
         first, step_min, last, step_max = scratch + 192, _int64(8), scratch + 224, _int64(8)
     nearest = load(float64x4, first) if step_min != 0 else _f64(load(_float64, first))
     farthest = load(float64x4, last) if step_max != 0 else _f64(load(_float64, last))
-    start_four(states, base, o, wide_o, d, wide_d, nearest, farthest)
+    start_four(states, base, reach, o, wide_o, d, wide_d, nearest, farthest)

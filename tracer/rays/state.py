@@ -3,10 +3,12 @@
 Float64 state lives in memory and is reloaded by broadcast: sixteen registers do not hold it beside a leaf's lanes.
 
 The node test is `near <= far` in float32, conservatively, in the object's frame. With r = 1/d and p = -o r, a slab's
-bounds are b r + p; near uses p - pad and far p + pad and is scaled up by `UP`, where pad = |p| 2**-21 + slop |r|:
+bounds are b r + p; near uses p - pad and far p + pad, where pad = |p| 2**-21 + slop |r| + 2**-18:
 
 * |p| 2**-21 covers the roundings of o, r and p to float32 (each at most 2**-24 relative, on |o r| and on |b r| <=
-  |o r| + t; what falls on t is covered by UP);
+  |o r| + t);
+* 2**-18 covers what falls on t, at most 2**-22 t: a ray leaves the frame's box before t = 2 (1 + slop), as the largest
+  component of its direction is at least 1, and of later times only that they are later counts;
 * slop = 2**-48 (1 + R) + 2**-40, R the distance of the origin in frame units, covers what the leaf's predicate and
   the shift of the origin to the frame's box round in float64 (at most 9 eps R each, see :mod:`tracer.rays.predicate`).
 
@@ -56,6 +58,12 @@ BEST_ORDER: Final = 232  # int64: the number of the order that its vertices are 
 STACK: Final = 240  # int64: address of the stack, and of its next free entry; set by the traversal
 STACK_TOP: Final = 248
 RAY_INDEX: Final = 256  # int64: the ray's number, where many are in flight
+CANDIDATES: Final = 264  # int64: bits of the leaf's triangles that may be met
+COARSE_ORIGIN: Final = 272  # float32: the origin in the order kx, ky, kz
+COARSE_ERROR: Final = 284  # float32: what a coarse x or y can be off
+COARSE_SHEAR: Final = 288  # float32: -Sx, -Sy
+COARSE_SIGN: Final = 296  # float32: 1 where d.kz is negative, else -1
+COARSE_ENTRY: Final = 300  # float32: T_MIN |d.kz|: tmin on the axis kz
 
 NEAR_AND_FAR: Final = (96, 160, 224)  # near row + far row of each axis
 

@@ -14,8 +14,8 @@ from typing import Any, Final
 from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, LEAF_SCRATCH_BYTES, finish, visit_leaf
-from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, start_rays
+from tracer.rays.leaf import ANY, LEAF_SCRATCH_BYTES, finish, sift_leaf, visit_triangles
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, reach_of, start_rays
 from tracer.simd import (
     address_of,
     float32x8,
@@ -52,8 +52,7 @@ _ALL_STATES_BYTES: Final = IN_FLIGHT * s.STATE_BYTES
 _LIST_BYTES: Final = 8 * IN_FLIGHT + 64
 _BOTTOM: Final = -(2**31)  # nearer than anything: never dropped
 _FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
-_NODE_LINES: Final = 4
-_LEAF_LINES: Final = 4
+_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 
 
 @inline
@@ -80,9 +79,9 @@ def _sorted(keys: Any, lanes: Any) -> Any:
 
 
 @inline
-def _step(base: int, state: int, word: int) -> int:
-    """Test a node's children, push those that are met; returns the stack's new top."""
-    node = base + word * (UNIT // 8)
+def _visit_node(base: int, state: int) -> Any:
+    """Test the children of the ray's node, push those that are met, the nearest last; returns the stack's new top."""
+    node = base + load(_int64, state + s.NODE) * (UNIT // 8)
     near_x = load(_int64, state + s.NEAR_X)
     near_y = load(_int64, state + s.NEAR_Y)
     near_z = load(_int64, state + s.NEAR_Z)
@@ -108,7 +107,7 @@ def _step(base: int, state: int, word: int) -> int:
             _spread(state + s.F_BEST),
         ),
     )
-    met = enter <= leave * splat(float32x8, _float32(s.UP))
+    met = enter <= leave
     lanes = iota(int32x8)
     # the three lowest bits of the distance, rounded down, make room for the child's number
     keys = (to_bits(enter) & splat(int32x8, -8)) | lanes
@@ -120,30 +119,34 @@ def _step(base: int, state: int, word: int) -> int:
 
 
 @inline
-def _next(base: int, state: int, top: int) -> Any:
-    """Pop the nearest entry that no hit has overtaken, and ask for its memory; returns its child word."""
-    limit = load(_int32, state + s.F_BEST)
+def _go_to(base: int, state: int, top: int) -> Any:
+    """Take the stack's upmost entry as the ray's next stop, and ask for its memory; returns its child word."""
     top -= 4
-    while load(_int32, top) > limit:
-        top -= 4
     word = _int64(load(_int32, top + _WORDS))
     store(state + s.STACK_TOP, top)
     store(state + s.NODE, word)
     place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-    for line in range(_NODE_LINES):
+    for line in range(_LINES):
         prefetch(place + 64 * line)
     return word
 
 
 @inline
-def _enlist(word: int, state: int, nodes: int, leaves: int, done: int) -> Any:
-    """Append a ray to the list of its next stop; returns the lists' new ends."""
+def _without_overtaken(state: int, top: int) -> Any:
+    """Drop the upmost entries that a hit has overtaken; returns the new top."""
+    limit = load(_int32, state + s.F_BEST)
+    while load(_int32, top - 4) > limit:
+        top -= 4
+    return top
+
+
+@inline
+def _enlist(word: int, state: int, nodes: int, leaves: int) -> Any:
+    """Append a ray to the list of its next stop, without a branch; returns the lists' new ends."""
     store(nodes, state)
     store(leaves, state)
-    store(done, state)
-    is_done = _int64(word == END)
-    is_leaf = _int64(word < 0) - is_done
-    return nodes + 8 * (1 - is_leaf - is_done), leaves + 8 * is_leaf, done + 8 * is_done
+    is_leaf = word >> 63  # -1 or 0
+    return nodes + 8 + 8 * is_leaf, leaves - 8 * is_leaf
 
 
 @kernel
@@ -154,6 +157,7 @@ def trace_stream(
     base = address_of(tree)
     wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
     addresses = addresses_of(rays)
+    reach = reach_of(base)
     outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     states = stack_memory(_ALL_STATES_BYTES)
     stacks = stack_memory(_ALL_STACKS_BYTES)
@@ -161,6 +165,7 @@ def trace_stream(
     leaves = stack_memory(_LIST_BYTES)
     done = stack_memory(_LIST_BYTES)
     free = stack_memory(_LIST_BYTES)
+    found = stack_memory(_LIST_BYTES)
     rest = stack_memory(SCRATCH_BYTES)
     scratch = stack_memory(LEAF_SCRATCH_BYTES)
     for k in range(IN_FLIGHT):
@@ -170,46 +175,66 @@ def trace_stream(
         store(state + s.STACK, stack)
         store(stack, _int32(_BOTTOM))
         store(stack + _WORDS, _int32(END))
-    nodes_end, leaves_end, done_end = nodes, leaves, done
+    nodes_end, leaves_end = nodes, leaves
     free_end = free + 8 * IN_FLIGHT
     i = start
     while True:
         while i < end and free_end >= free + 8 * LANES:
             free_end -= 8 * LANES
             count = min(end - i, LANES)
-            start_rays(free_end, base, addresses, i, count, rest)
+            start_rays(free_end, base, reach, addresses, i, count, rest)
             for k in range(count):
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
                 store(state + s.RAY_INDEX, i + k)
-                nodes_end, leaves_end, done_end = _enlist(
-                    load(_int64, state + s.NODE), state, nodes_end, leaves_end, done_end
-                )
+                nodes_end, leaves_end = _enlist(load(_int64, state + s.NODE), state, nodes_end, leaves_end)
             i += count
-        if nodes_end == nodes and leaves_end == leaves and done_end == done:
+        if nodes_end == nodes and leaves_end == leaves:
             return
         last, nodes_end = nodes_end, nodes
         for place in range(nodes, last, 8):
             state = load(_int64, place)
-            top = _step(base, state, load(_int64, state + s.NODE))
-            word = _next(base, state, top)
-            nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
-        last, leaves_end = leaves_end, leaves
+            word = _go_to(base, state, _visit_node(base, state))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+        last, leaves_end, done_end = leaves_end, leaves, done
+        for place in range(leaves, last, 8):
+            state = load(_int64, place)
+            store(leaves_end, state)
+            store(done_end, state)
+            is_done = _int64(load(_int64, state + s.NODE) == END)
+            leaves_end += 8 * (1 - is_done)
+            done_end += 8 * is_done
+        last, leaves_end, found_end = leaves_end, leaves, found
         for place in range(leaves, last, 8):
             state = load(_int64, place)
             word = load(_int64, state + s.NODE)
+            candidates = sift_leaf(wide, base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1, state)
+            store(state + s.CANDIDATES, candidates)
+            store(found_end, state)
+            store(leaves_end, state)
+            nothing = _int64(candidates == 0)
+            found_end += 8 * (1 - nothing)
+            leaves_end += 8 * nothing
+        for place in range(found, found_end, 8):
+            state = load(_int64, place)
+            word = load(_int64, state + s.NODE)
             leaf = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-            top = load(_int64, state + s.STACK_TOP)
-            if visit_leaf(wide, leaf, (word & 7) + 1, state, scratch, mode):
+            if visit_triangles(wide, leaf, (word & 7) + 1, load(_int64, state + s.CANDIDATES), state, scratch, mode):
                 if mode == ANY:
-                    top = load(_int64, state + s.STACK) + 4
+                    store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
                 else:
                     s.update_frame_best(state)
-            word = _next(base, state, top)
-            nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+        last, leaves_end = leaves_end, leaves
+        for place in range(leaves, last, 8):
+            state = load(_int64, place)
+            word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+        for place in range(found, found_end, 8):
+            state = load(_int64, place)
+            word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
         for place in range(done, done_end, 8):
             state = load(_int64, place)
             finish(state, load(_int64, state + s.RAY_INDEX), mode, outputs)
             store(free_end, state)
             free_end += 8
-        done_end = done
