@@ -44,7 +44,7 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 RECORD_BYTES: Final = 32
-STOP: Final = 2  # records that are not split further; the collapse decides about leaves of up to 8
+STOP: Final = 2  # records that are not split further: of 3 or 4, one may be the wall behind all the others
 _BINS: Final = 16
 _ROW: Final = _BINS * RECORD_BYTES
 _ALL_BINS_BYTES: Final = 3 * _ROW
@@ -198,7 +198,7 @@ def build_binary(
                 n_pending += 1
             continue
         extent = -_swapped(bounds) - bounds
-        n_bins = _BINS if count > 12 else 8
+        n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
         # just below n_bins, so that the upmost centroid falls into the last bin
         scale = select(extent > zero, splat(float32x8, np.float32(n_bins) * np.float32(0.9999)) / extent, zero)
         for axis in range(3):

@@ -21,7 +21,7 @@ from tracer.accel.collapse import measure, plan_nodes
 from tracer.accel.emit import ORDER_BITS, emit_node, emit_single_leaf, emit_subtree
 from tracer.accel.records import make_records, survey_faces, survey_vertices
 
-_TASKS: Final = 24  # subtrees of a large mesh that threads build; few enough that the top is a small part
+_TASKS: Final = 12  # subtrees of a large mesh that threads build; few enough that the top is a small part
 _LARGE: Final = 20_000  # triangles from which on tasks are made at all
 _TOP_LEVELS: Final = 2  # wide levels written before the tasks: at most 1 + 8 nodes, 64 tasks
 MAX_FACES: Final = 2 ** (31 - ORDER_BITS)

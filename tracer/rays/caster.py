@@ -181,24 +181,41 @@ class RayCaster:
 
     def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
         """Answer all rays, in chunks on several threads; each writes its own rows."""
-        n = rays.n
+        work = _runs(rays, self.bvh)
 
-        def chunk(start: int) -> None:
-            end = min(start + CHUNK, n)
-            run = choose_path(rays, start, end)
-            run(self.bvh.buffer, rays.packed, start, end, mode, *hits)
+        def run(path: Callable[..., None], start: int, end: int) -> None:
+            path(self.bvh.buffer, rays.packed, start, end, mode, *hits)
 
-        if threads <= 1 or n <= CHUNK:
-            for start in range(0, n, CHUNK):
-                chunk(start)
+        if threads <= 1 or rays.n <= CHUNK:
+            for path, start, end in work:
+                run(path, start, end)
             return
+        parts = [
+            (path, first, min(first + CHUNK, end)) for path, start, end in work for first in range(start, end, CHUNK)
+        ]
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(chunk, range(0, n, CHUNK)))
+            list(pool.map(lambda part: run(*part), parts))
 
 
-def choose_path(rays: Rays, start: int, end: int) -> Callable[..., None]:
-    """Choose the kernel for rays start..end of a batch: the one door for further paths; all give the same answers."""
-    del rays
+def _runs(rays: Rays, bvh: WideBvh) -> list[tuple[Callable[..., None], int, int]]:
+    """Cut a batch into chunks, choose a path for each, and join neighbours that take the same one."""
+    runs: list[tuple[Callable[..., None], int, int]] = []
+    for start in range(0, rays.n, CHUNK):
+        end = min(start + CHUNK, rays.n)
+        path = choose_path(rays, start, end, bvh)
+        if runs and runs[-1][0] is path:
+            start = runs.pop()[1]  # noqa: PLW2901 - the run begins earlier
+        runs.append((path, start, end))
+    return runs
+
+
+def choose_path(rays: Rays, start: int, end: int, bvh: WideBvh) -> Callable[..., None]:
+    """Choose the kernel for rays start..end of a batch, at most `CHUNK`: the one door for further paths.
+
+    Every path takes the same parameters (:func:`tracer.rays.single.trace_single`) and gives the same answers, so this
+    is about speed alone. It looks at a few rays: what it costs, each chunk pays.
+    """
+    del rays, bvh
     return trace_single if end - start <= _FEW else trace_stream
 
 

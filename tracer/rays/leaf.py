@@ -78,12 +78,12 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
     The edge functions in float32. With eps = 2**-24 and Q the largest coordinate of ray and object, a coarse x or y is
     off by at most 14 eps Q < D = COARSE_ERROR: 4 eps Q for v - o, 6 eps Q for S z, 4 eps Q for their difference. With
     L the largest |x|, |y| of the three vertices, an edge function is off by 4 D (L + D) for that, and by 4 eps L**2 for
-    its own roundings: in all less than E = (L + D) (5 D + 2**-21 (L + D)). A triangle is sifted out when one of its
+    its own roundings: in all less than E = (L + D) (5 D + 2**-20 (L + D)). A triangle is sifted out when one of its
     three edge functions is below -E and another above E: then the exact ones differ in sign.
 
     And it is when it lies before tmin: for the weights' mean m of z / d, the sum over U (z / d - tmin) is
-    (m - tmin) (U + V + W), in float32 within E (|A.z| + |B.z| + |C.z| + 3 tmin) + D (|U| + |V| + |W|) and roundings of
-    2**-21 of the products; the predicate's own t is off by less than those. A NaN stays.
+    (m - tmin) (U + V + W), in float32 within (E + 2**-20 (|U| + |V| + |W|)) (|A.z| + |B.z| + |C.z| + 3 tmin) +
+    5 D (|U| + |V| + |W|), roundings included; the predicate's own t is off by less than those. A NaN stays.
     """
     row = n << (2 + wide)
     shear_x, shear_y = _coarse(state + s.COARSE_SHEAR), _coarse(state + s.COARSE_SHEAR + 4)
@@ -104,18 +104,20 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
         maximum(maximum(absolute(ax), absolute(ay)), maximum(absolute(bx), absolute(by))),
         maximum(absolute(cx), absolute(cy)),
     )
-    off = _coarse(state + s.COARSE_ERROR)
-    largest = largest + off
-    e = largest * multiply_add(largest, splat(float32x8, _float32(2.0**-21)), off * splat(float32x8, _float32(5.0)))
+    rounding = splat(float32x8, _float32(2.0**-20))
+    off = _coarse(state + s.COARSE_ERROR_5)
+    largest = largest + _coarse(state + s.COARSE_ERROR)
+    e = largest * multiply_add(largest, rounding, off)
     low = minimum(u, minimum(v, w))
     high = maximum(u, maximum(v, w))
     out = (low < -e) & (high > e)
     weight = (absolute(u) + absolute(v)) + absolute(w)
     total = (u + v) + w
-    entry = _coarse(state + s.COARSE_ENTRY)
-    ahead = multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN) - entry * total
-    depth = ((absolute(az) + absolute(bz)) + absolute(cz)) + entry * splat(float32x8, _float32(3.0))
-    slack = multiply_add(weight, splat(float32x8, _float32(2.0**-20)), e) * depth + weight * (off + off)
+    ahead = multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN) - _coarse(
+        state + s.COARSE_ENTRY
+    ) * total
+    depth = ((absolute(az) + absolute(bz)) + absolute(cz)) + _coarse(state + s.COARSE_ENTRY_3)
+    slack = multiply_add(weight, rounding, e) * depth + weight * off
     zero = splat(float32x8, _float32(0.0))
     out = out | (select(total < zero, -ahead, ahead) < -slack)
     return ~mask_to_bits(out) & ((1 << n) - 1)

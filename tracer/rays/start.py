@@ -216,7 +216,15 @@ def start_four(
     _store_rows(states, s.COARSE_ORIGIN, coarse[0], coarse[1], coarse[2], error)
     sign = select(major < zero, one, -one)
     nearest = convert(_float32, t_min * absolute(major))
-    _store_rows(states, s.COARSE_SHEAR, -convert(_float32, shear_x), -convert(_float32, shear_y), convert(_float32, sign), nearest)
+    _store_rows(
+        states,
+        s.COARSE_SHEAR,
+        -convert(_float32, shear_x),
+        -convert(_float32, shear_y),
+        convert(_float32, sign),
+        error * _f32(5.0),
+    )
+    _store_rows(states, s.COARSE_ENTRY, nearest, nearest * _f32(3.0), nearest, nearest)
 
 
 @inline

@@ -63,7 +63,9 @@ COARSE_ORIGIN: Final = 272  # float32: the origin in the order kx, ky, kz
 COARSE_ERROR: Final = 284  # float32: what a coarse x or y can be off
 COARSE_SHEAR: Final = 288  # float32: -Sx, -Sy
 COARSE_SIGN: Final = 296  # float32: 1 where d.kz is negative, else -1
-COARSE_ENTRY: Final = 300  # float32: T_MIN |d.kz|: tmin on the axis kz
+COARSE_ERROR_5: Final = 300  # float32: 5 times COARSE_ERROR
+COARSE_ENTRY: Final = 304  # float32: T_MIN |d.kz|: tmin on the axis kz; and 3 times that
+COARSE_ENTRY_3: Final = 308
 
 NEAR_AND_FAR: Final = (96, 160, 224)  # near row + far row of each axis
 
