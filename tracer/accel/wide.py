@@ -270,8 +270,8 @@ def _checked(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[Any],
         raise BvhError(f"faces: vertex {worst} is not one of 0 .. {len(vertices) - 1}")
     if vertices.dtype != np.float32:
         vertices = vertices.astype(np.float64, copy=False)
-    if faces.dtype not in (np.int32, np.int64):
-        faces = faces.astype(np.int64)
+    if len(vertices) < 2**31:  # one type of faces, one set of kernels
+        faces = faces.astype(np.int32, copy=False)
     return np.ascontiguousarray(vertices), np.ascontiguousarray(faces)
 
 

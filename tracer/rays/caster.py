@@ -17,12 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from tracer.accel.wide import WideBvh, build_wide
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
-from tracer.rays.single import trace_single
 from tracer.rays.stream import trace_stream
 
 CHUNK: Final = 8192  # rays handed to a thread at a time
 _NOTHING: Final = np.empty(0)
-_FEW: Final = 8  # up to so many rays, the single path is faster than the stream
 
 
 class Hits(NamedTuple):
@@ -48,12 +46,14 @@ class Rays(NamedTuple):
         return len(self.origins)
 
     @property
-    def packed(self) -> tuple[Any, ...]:
-        """What :func:`tracer.rays.start.addresses_of` takes: one type for float32 and float64, so one kernel."""
-        words: list[Any] = []
+    def packed(self) -> tuple[int, ...]:
+        """What :func:`tracer.rays.start.start_rays` takes; the arrays must live as long as it is used."""
+        numbers: list[int] = []
         for array in (self.origins, self.directions):
-            words += [array.reshape(-1).view(np.int32), int(array.dtype == np.float64)]
-        return (*words, self.tmin, self.tmax)
+            numbers += [array.ctypes.data, int(array.dtype == np.float64)]
+        for limit in (self.tmin, self.tmax):
+            numbers += [limit.ctypes.data, 8 if len(limit) > 1 else 0]
+        return tuple(numbers)
 
 
 class RayCaster:
@@ -182,9 +182,10 @@ class RayCaster:
     def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
         """Answer all rays, in chunks on several threads; each writes its own rows."""
         work = _runs(rays, self.bvh)
+        packed = rays.packed
 
         def run(path: Callable[..., None], start: int, end: int) -> None:
-            path(self.bvh.buffer, rays.packed, start, end, mode, *hits)
+            path(self.bvh.buffer, packed, start, end, mode, *hits)
 
         if threads <= 1 or rays.n <= CHUNK:
             for path, start, end in work:
@@ -215,8 +216,8 @@ def choose_path(rays: Rays, start: int, end: int, bvh: WideBvh) -> Callable[...,
     Every path takes the same parameters (:func:`tracer.rays.single.trace_single`) and gives the same answers, so this
     is about speed alone. It looks at a few rays: what it costs, each chunk pays.
     """
-    del rays, bvh
-    return trace_single if end - start <= _FEW else trace_stream
+    del rays, start, end, bvh
+    return trace_stream
 
 
 def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike) -> Rays:
@@ -228,7 +229,7 @@ def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tma
             raise ValueError(f"{name}: shape {array.shape}, expected (n, 3)")
         if array.dtype not in {np.dtype(np.float32), np.dtype(np.float64)}:
             array = array.astype(np.float64)
-        vectors.append(np.ascontiguousarray(array))
+        vectors.append(np.require(array, requirements=["C", "A"]))
     n = len(vectors[0])
     if len(vectors[1]) != n:
         raise ValueError(f"directions: {len(vectors[1])} rows, expected {n} as in origins")
@@ -237,5 +238,5 @@ def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tma
         limit = np.atleast_1d(np.asarray(given, np.float64))
         if limit.shape not in {(1,), (n,)}:
             raise ValueError(f"{name}: shape {limit.shape}, expected a scalar or ({n},)")
-        limits.append(np.ascontiguousarray(limit))
+        limits.append(np.require(limit, requirements=["C", "A"]))
     return Rays(vectors[0], vectors[1], limits[0], limits[1])

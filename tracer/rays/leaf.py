@@ -113,9 +113,10 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
     out = (low < -e) & (high > e)
     weight = (absolute(u) + absolute(v)) + absolute(w)
     total = (u + v) + w
-    ahead = multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN) - _coarse(
-        state + s.COARSE_ENTRY
-    ) * total
+    ahead = (
+        multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN)
+        - _coarse(state + s.COARSE_ENTRY) * total
+    )
     depth = ((absolute(az) + absolute(bz)) + absolute(cz)) + _coarse(state + s.COARSE_ENTRY_3)
     slack = multiply_add(weight, rounding, e) * depth + weight * off
     zero = splat(float32x8, _float32(0.0))

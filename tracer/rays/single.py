@@ -12,7 +12,7 @@ from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.leaf import ANY, CLOSEST, LEAF_SCRATCH_BYTES, finish, visit_leaf
-from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, reach_of, start_rays
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
     count_trailing_zeros,
@@ -184,7 +184,7 @@ def trace_single(
     tree
         int64 words of the tree.
     rays
-        Tuple (origins, wide, directions, wide, t_min, t_max); see :func:`tracer.rays.caster.packed_rays`.
+        Tuple of eight int64, as :func:`tracer.rays.start.start_rays` takes it.
     start, end
         Which rays.
     mode
@@ -194,7 +194,6 @@ def trace_single(
         1 or 0 for ANY, the number of crossings for COUNT; the others are written for CLOSEST alone.
     """
     base = address_of(tree)
-    addresses = addresses_of(rays)
     reach = reach_of(base)
     outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     states = stack_memory(_STATES_BYTES)
@@ -207,7 +206,7 @@ def trace_single(
         store(slots + 8 * k, states + k * s.STATE_BYTES)
     for i in range(start, end, LANES):
         count = min(end - i, LANES)
-        start_rays(slots, base, reach, addresses, i, count, rest)
+        start_rays(slots, base, reach, rays, i, count, rest)
         for k in range(count):
             state = states + k * s.STATE_BYTES
             if load(_int64, state + s.NODE) != END:

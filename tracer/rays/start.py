@@ -12,7 +12,6 @@ from tracer.jit import inline
 from tracer.rays import state as s
 from tracer.simd import (
     absolute,
-    address_of,
     any_lane,
     convert,
     deinterleave,
@@ -69,9 +68,7 @@ def _i64(value: int) -> Any:
 def _four_vectors(address: int, wide: int) -> Any:
     """Load x, y, z of four consecutive rows of three float32 (float64 when ``wide``)."""
     if wide != 0:
-        x, y, z = deinterleave(
-            load(float64x4, address), load(float64x4, address + 32), load(float64x4, address + 64)
-        )
+        x, y, z = deinterleave(load(float64x4, address), load(float64x4, address + 32), load(float64x4, address + 64))
         return x, y, z
     x, y, z = deinterleave(load(float32x4, address), load(float32x4, address + 16), load(float32x4, address + 32))
     return convert(_float64, x), convert(_float64, y), convert(_float64, z)
@@ -116,7 +113,15 @@ def _store_rows(states: int, field: int, a: Any, b: Any, c: Any, d: Any) -> None
 
 @inline
 def start_four(
-    states: int, base: int, reach: float, origins: int, wide_o: int, directions: int, wide_d: int, t_min: Any, t_max: Any
+    states: int,
+    base: int,
+    reach: float,
+    origins: int,
+    wide_o: int,
+    directions: int,
+    wide_d: int,
+    t_min: Any,
+    t_max: Any,
 ) -> None:
     """Fill four states from four consecutive rays and the tree at address ``base``.
 
@@ -228,26 +233,6 @@ def start_four(
 
 
 @inline
-def addresses_of(rays: Any) -> Any:
-    """Return what `start_rays` takes: addresses, whether they are float64, steps of the limits (0: one for all).
-
-    ``rays`` is (origins, wide, directions, wide, t_min, t_max): origins and directions as flat int32 words of float32
-    (wide 0) or float64 (wide 1) rows of three, the limits float64 (n,) or (1,) for all. So one kernel serves all.
-    """
-    origins, wide_o, directions, wide_d, t_min, t_max = rays
-    return (
-        address_of(origins),
-        wide_o,
-        address_of(directions),
-        wide_d,
-        address_of(t_min),
-        8 if t_min.shape[0] > 1 else 0,
-        address_of(t_max),
-        8 if t_max.shape[0] > 1 else 0,
-    )
-
-
-@inline
 def reach_of(base: int) -> Any:
     """Return the largest coordinate of a tree's triangles, a little more than it is."""
     reach = 0.0
@@ -272,7 +257,9 @@ def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: i
     states, base, reach
         As for `start_four`: always four states.
     rays
-        From `addresses_of`.
+        Tuple of int64: addresses of origins and directions, each followed by whether they are float64 (else float32),
+        and addresses of tmin and tmax (float64), each followed by the bytes from one ray's to the next (8, or 0 where
+        one serves all). Numbers, not arrays: one kernel serves every type.
     scratch
         Address of `SCRATCH_BYTES` for the last few rays: nothing is read beyond the arrays' ends.
     """

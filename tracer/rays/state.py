@@ -18,7 +18,7 @@ transposing four vectors of lanes.
 Invariant: a node is skipped only if no triangle in it can be met at a distance that would change the answer.
 """
 
-from typing import Any, Final
+from typing import Final
 
 from tracer.jit import inline
 from tracer.simd import load, store

@@ -15,15 +15,15 @@ from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.leaf import ANY, LEAF_SCRATCH_BYTES, finish, sift_leaf, visit_triangles
-from tracer.rays.start import END, LANES, SCRATCH_BYTES, addresses_of, reach_of, start_rays
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
     float32x8,
     int32x8,
     iota,
     load,
-    mask_from_bits,
     mask8,
+    mask_from_bits,
     mask_to_bits,
     maximum,
     minimum,
@@ -156,7 +156,6 @@ def trace_stream(
     """Answer rays start..end, many in flight; parameters as :func:`tracer.rays.single.trace_single`."""
     base = address_of(tree)
     wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
-    addresses = addresses_of(rays)
     reach = reach_of(base)
     outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     states = stack_memory(_ALL_STATES_BYTES)
@@ -182,7 +181,7 @@ def trace_stream(
         while i < end and free_end >= free + 8 * LANES:
             free_end -= 8 * LANES
             count = min(end - i, LANES)
-            start_rays(free_end, base, reach, addresses, i, count, rest)
+            start_rays(free_end, base, reach, rays, i, count, rest)
             for k in range(count):
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
