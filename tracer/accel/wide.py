@@ -184,7 +184,6 @@ def _binary_tree(
     """Build the binary tree and its plan."""
     n = len(records)
     nodes = empty_aligned((2 * n + 8 * _TASKS, 8), np.float32)
-    costs = empty_aligned(nodes.shape, np.float32)
     plan = empty_aligned((len(nodes), 4), np.int32)
     words = nodes.view(np.int32)
     nodes[0] = boxes[0]
@@ -192,21 +191,30 @@ def _binary_tree(
     stop = n // _TASKS if n >= _LARGE else STOP
     pending = np.empty((8 * _TASKS if n >= _LARGE else 0, 8))
     top, n_pending = build_binary(records, nodes, 0, 0, boxes[1], 1, stop, pending)
+    costs = empty_aligned((top, 8), np.float32)
     roots = pending[:n_pending].view(np.int64)[:, 0]
     depths = pending[:n_pending].view(np.int64)[:, 1]
     centroids = pending[:n_pending].view(np.float32)[:, 8:]
     counts = words[roots, 7].astype(np.int64)
     starts = top + 2 * (np.cumsum(counts) - counts)
     none = np.empty((0, 8))
+    spare: list[NDArray[np.float32]] = []  # fresh memory costs more than what is written to it
 
     def task(i: int) -> None:
         start = int(starts[i])
         bounds = np.ascontiguousarray(centroids[i])
-        end, _ = build_binary(records, nodes, int(roots[i]), int(depths[i]), bounds, start, STOP, none)
-        plan_nodes(nodes, start, end, costs, plan)
+        root = int(roots[i])
+        end, _ = build_binary(records, nodes, root, int(depths[i]), bounds, start, STOP, none)
+        below = spare.pop() if spare else empty_aligned((2 * int(counts.max()), 8), np.float32)
+        plan_nodes(nodes, start, end, below, start, below, start, plan)
+        plan_nodes(nodes, root, root + 1, costs, 0, below, start, plan)
+        spare.append(below)
 
     list(run(task, np.argsort(-counts, kind="stable").tolist()))
-    plan_nodes(nodes, 0, top, costs, plan)
+    # above the roots, which have their plan already
+    edges = [-1, *sorted(roots.tolist()), top]
+    for below_root, root in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        plan_nodes(nodes, below_root + 1, root, costs, 0, costs, 0, plan)
     return nodes, plan
 
 
