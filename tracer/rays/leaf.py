@@ -9,7 +9,7 @@ from typing import Any, Final
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.predicate import CERTAIN, TINY, WELL_SHAPED, intersect_triangle
+from tracer.rays.predicate import CERTAIN, TINY, intersect_triangle, weigh
 from tracer.simd import (
     absolute,
     convert,
@@ -199,15 +199,15 @@ def test_leaf(wide: int, leaf: int, n: int, first: int, state: int, scratch: int
     possible_bits = mask_to_bits(possible) & present
     if possible_bits == 0:
         return _int64(0), _int64(0)
-    total = (u + v) + w
-    certain = ((low > e) | (high < -e)) & (absolute(total) > e * WELL_SHAPED)
+    certain = (low > e) | (high < -e)
     shear_z = _spread(state + s.SHEAR_Z)
     ta = shear_z * az
     tb = shear_z * bz
     tc = shear_z * cz
     least = minimum(ta, minimum(tb, tc))
     most = maximum(ta, maximum(tb, tc))
-    t = ((u * ta + v * tb) + w * tc) / total
+    u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
+    t = ((u * ta + v * tb) + w * tc) / ((u + v) + w)
     t = maximum(t, least)
     t = minimum(t, most)
     t_min = _spread(state + s.T_MIN)

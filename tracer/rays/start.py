@@ -197,9 +197,9 @@ def start_four(
     on_z = (z >= x) & (z >= y)
     on_y = y >= x
     major = select(on_z, fz, select(on_y, fy, fx))
-    shear_x = select(on_z, fx, select(on_y, fz, fy)) / major
-    shear_y = select(on_z, fy, select(on_y, fx, fz)) / major
     shear_z = one / major
+    shear_x = select(on_z, fx, select(on_y, fz, fy)) * shear_z
+    shear_y = select(on_z, fy, select(on_y, fx, fz)) * shear_z
     kx = select(on_z, _i64(0), select(on_y, _i64(2), _i64(1)))
     ky = select(on_z, _i64(1), select(on_y, _i64(0), _i64(2)))
     kz = select(on_z, _i64(2), select(on_y, _i64(1), _i64(0)))
