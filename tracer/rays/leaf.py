@@ -76,7 +76,7 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
     """Return the bits of a leaf's triangles (n up to 8) that may be met; the others surely are not.
 
     The edge functions in float32. With eps = 2**-24 and Q the largest coordinate of ray and object, a coarse x or y is
-    off by at most 14 eps Q < D = COARSE_ERROR: 4 eps Q for v - o, 6 eps Q for S z, 4 eps Q for their difference. With
+    off by less than 16 eps Q < D = COARSE_ERROR: 4 eps Q for v - o, 8 eps Q for S z, 4 eps Q for their difference. With
     L the largest |x|, |y| of the three vertices, an edge function is off by 4 D (L + D) for that, and by 4 eps L**2 for
     its own roundings: in all less than E = (L + D) (5 D + 2**-20 (L + D)). A triangle is sifted out when one of its
     three edge functions is below -E and another above E: then the exact ones differ in sign.
