@@ -8,9 +8,9 @@ triangles, lights, resolution and depth; *workers*: two workers against one, lon
 Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
 
 Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
-of code and scene not; peers take turns with us, the first two do not count (both may compile), medians do. The peer runs under
-an interpreter of its own: ``--peer`` or SMALTI_MITSUBA_PYTHON names one that has ``mitsuba`` (``pip install mitsuba``;
-its ``llvm_ad_rgb`` needs a libLLVM). Where there is none the row says so.
+of code and scene not; peers take turns with us, the first two do not count (both may compile), medians do. The peer
+runs under an interpreter of its own: ``--peer`` or SMALTI_MITSUBA_PYTHON names one that has ``mitsuba`` (``pip install
+mitsuba``; its ``llvm_ad_rgb`` needs a libLLVM). Where there is none the row says so.
 """
 
 import argparse

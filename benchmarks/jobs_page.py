@@ -12,7 +12,7 @@ SERIES = {
     "triangles": "triangles",
     "lights": "point lights",
     "resolution": "pixels along an edge",
-    "depth": "bounces at most (two mirror walls)",
+    "depth": "bounces at most (four mirror walls)",
 }
 
 

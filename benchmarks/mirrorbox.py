@@ -49,25 +49,27 @@ def block(x: float, z: float, half: float, height: float, turn_deg: float, *, bo
 
 
 def parts(sphere_triangles: int = 0, *, mirror_walls: bool = False) -> list[Part]:
-    """Return the scene's parts; ``mirror_walls`` makes mirrors of the left and the right wall, for deep paths."""
+    """Return the scene's parts; ``mirror_walls`` closes the box behind the eye and makes mirrors of its four walls."""
     white, grey = (0.73, 0.73, 0.73), (0.02, 0.02, 0.02)
-    side = 0.9 if mirror_walls else 0.0
+    side, front = (0.9, 3.6) if mirror_walls else (0.0, 1)
     found = [
         Part(
             "white",
             *quads(
-                *((-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)),
-                *((-1, 2, -1), (1, 2, -1), (1, 2, 1), (-1, 2, 1)),
-                *((-1, 0, -1), (1, 0, -1), (1, 2, -1), (-1, 2, -1)),
+                *((-1, 0, front), (1, 0, front), (1, 0, -1), (-1, 0, -1)),
+                *((-1, 2, -1), (1, 2, -1), (1, 2, front), (-1, 2, front)),
             ),
             white,
             0.0,
         ),
-        Part("red", *quads((-1, 0, 1), (-1, 0, -1), (-1, 2, -1), (-1, 2, 1)), (0.65, 0.05, 0.05), side),
-        Part("green", *quads((1, 0, -1), (1, 0, 1), (1, 2, 1), (1, 2, -1)), (0.12, 0.45, 0.15), side),
+        Part("back", *quads((-1, 0, -1), (1, 0, -1), (1, 2, -1), (-1, 2, -1)), white, side),
+        Part("red", *quads((-1, 0, front), (-1, 0, -1), (-1, 2, -1), (-1, 2, front)), (0.65, 0.05, 0.05), side),
+        Part("green", *quads((1, 0, -1), (1, 0, front), (1, 2, front), (1, 2, -1)), (0.12, 0.45, 0.15), side),
         Part("mirror", *block(-0.42, -0.3, 0.28, 1.2, 18, bottom=True), grey, 0.9),
         Part("low", *block(0.42, 0.25, 0.28, 0.55, -17, bottom=False), (0.7, 0.6, 0.3), 0.0),
     ]
+    if mirror_walls:
+        found.append(Part("front", *quads((-1, 0, front), (1, 0, front), (1, 2, front), (-1, 2, front)), white, side))
     if sphere_triangles:
         points, faces = bumpy_sphere(max(2, round(math.sqrt(sphere_triangles / 4))))
         points = (0.38 * points + np.array([0.35, 1.1, 0.1])).astype(np.float32)
