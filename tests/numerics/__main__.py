@@ -17,7 +17,7 @@ from suite import ELSEWHERE, TESTS, WAITING, run_all
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default=",".join(TESTS))
-    parser.add_argument("--scale", type=float, default=1.0, help="1 is full size")
+    parser.add_argument("--scale", type=float, default=1.0, help="1 is full size, 0 as small as pytest")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     names = options.only.split(",")

@@ -74,19 +74,20 @@ def merged(rows: list[Row]) -> Row:
 
 
 def run_all(names: list[str], scale: float, processes: int, done: Callable[[Row], None]) -> list[Row]:
-    """Run tests at ``scale`` times their full size on some processes; ``done`` is told of each as it ends."""
+    """Run tests at ``scale`` times their full size (0: as small as pytest); ``done`` is told of each as it ends."""
     parts: dict[str, list[Row]] = {name: [] for name in names}
+    shards = {name: TESTS[name].shards if scale else 1 for name in names}
     rows = []
     with ProcessPoolExecutor(processes) as pool:
         tasks = []
         for name in names:
             test = TESTS[name]
-            cases = max(test.small, round(test.full * scale / test.shards))
-            tasks += [pool.submit(run_shard, name, cases, shard) for shard in range(test.shards)]
+            cases = max(test.small, round(test.full * scale / shards[name]))
+            tasks += [pool.submit(run_shard, name, cases, shard) for shard in range(shards[name])]
         for task in as_completed(tasks):
             name, row = task.result()
             parts[name].append(row)
-            if len(parts[name]) == TESTS[name].shards:
+            if len(parts[name]) == shards[name]:
                 rows.append(merged(parts[name]))
                 done(rows[-1])
     return rows
