@@ -39,7 +39,7 @@ MUTANTS = [
         "    if not (low >= 0.0 or high <= 0.0):\n        return False, 0.0, u, v, w\n    if total != total:\n",
     ),
     Mutant("no-tie-rule", "N1", "rays/predicate.py", "(1 if py > qy else -1)", "1"),
-    Mutant("certain-too-soon", "N1", "rays/predicate.py", "CERTAIN: Final = 2.0**-50", "CERTAIN: Final = 2.0**-58"),
+    Mutant("t-of-slivers", "N3", "rays/predicate.py", "WELL_SHAPED: Final = 2.0**24", "WELL_SHAPED: Final = 0.0"),
     Mutant(
         "contracted-shear",
         "N2,N3",
@@ -120,6 +120,13 @@ MUTANTS = [
         "return Vec3(position.x, position.y, position.z)",
     ),
     Mutant(
+        "rests-dropped",
+        "N23",
+        "render/blocks.py",
+        "sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)",
+        "sums[i + 6] = lost",
+    ),
+    Mutant(
         "plain-snell",
         "N12",
         "shading/phong.py",
@@ -144,8 +151,8 @@ def try_mutant(mutant: Mutant, folder: Path) -> str:
     ValueError
         The sources no longer hold what the mutant changes.
     """
-    for name in ("tracer", "tests/numerics"):
-        shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("tracer", "benchmarks", "tests/numerics"):
+        shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
     path = folder / "tracer" / mutant.file
     text = path.read_text()
     if text.count(mutant.before) < 1:

@@ -13,8 +13,11 @@ import n03
 import n04
 import n07
 import n09
+import n10
 import n12
 import n16
+import n21
+import n23
 from row import Row
 
 
@@ -36,22 +39,22 @@ TESTS = {
     "N7": Test(n07.run, 300, 100_000, 2),
     "N8": Test(n07.run_shapes, 400, 100_000, 2),
     "N9": Test(n09.run, 3_000, 10_000_000, 4),
+    "N10": Test(n10.run, 2_000, 10_000_000, 2),
     "N12": Test(n12.run, 500, 100_000, 2),
     "N15": Test(n16.run_orders, 3, 100, 1),
     "N16": Test(n16.run, 3_000, 100_000, 1),
     "N18": Test(n12.run_attenuation, 300, 100_000, 1),
     "N19": Test(n12.run_power, 300, 100_000, 1),
+    "N21": Test(n21.run, 5_000, 1_000_000, 1),
+    "N23": Test(n23.run, 20_000, 200_000_000, 4),
 }
 ELSEWHERE = {
     "N6": "tests/numerics/test_rays_undefined.py",
-    "N21": "rays: test_closed_meshes.py::test_scaled_by_a_power_of_two; whole scenes: not yet",
     "N22": "tests/acceptance/test_same_bytes.py; resume and adaptive sampling wait for these features",
-    "N23": "not yet here; tests/tracer/render and film test the sums small",
     "N24": "tests/tracer/loaders and tests/tracer/scene",
     "N25": "make mutants",
 }
 WAITING = {
-    "N10": "not yet: nested spheres",
     "N11": "waits for instances",
     "N13": "waits for nested media",
     "N14": "waits for the path tracer's orthonormal basis",
