@@ -59,7 +59,8 @@ def on_floats(triangle, origin, direction):
     ax = np.abs(direction)
     kz = 2 if ax[2] >= ax[0] and ax[2] >= ax[1] else (1 if ax[1] >= ax[0] else 0)
     kx, ky = (kz + 1) % 3, (kz + 2) % 3
-    sx, sy, sz = direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]
+    sz = 1.0 / direction[kz]
+    sx, sy = direction[kx] * sz, direction[ky] * sz
     points = []
     for vertex in triangle:
         z = vertex[kz] - origin[kz]
