@@ -20,7 +20,7 @@ def run(cases, seed=3):
             wrong += met[i] != want[0]
             if met[i] and want[0] and np.isfinite(times[i]):
                 _, t, spread = want
-                bound = (3 * 2.0**-24 + 4 * EPS) * spread + 4 * EPS * abs(float(t)) + 5e-324
+                bound = 8 * EPS * spread + 4 * EPS * abs(float(t)) + 5e-324
                 worst = max(worst, float(abs(Fraction(float(times[i])) - t) / Fraction(bound)))
         total += each
     return Row("N3", "predicate against fractions", total, int(wrong), worst, 1.0, "t's error in units of its bound")

@@ -11,22 +11,54 @@ import numpy as np
 from packets import by_packets
 from row import Row
 
-from tracer.geometry.shapes import cross_shape, locate_on_shape, locate_on_triangle
+from tests.tracer.shading.hits import meet
+from tracer.geometry.shapes import cross_shape, locate_on_shape
 from tracer.geometry.vector import subtract
 from tracer.jit import kernel
 from tracer.rays import RayCaster
+from tracer.rays.rows import PACKET
 from tracer.rays.spawn import offset_origin
-from tracer.types import SHAPE_SPHERE, Vec3
+from tracer.render.tiny import make_scene
+from tracer.shading.rows import ERROR, GEOMETRIC, POSITION
+from tracer.types import MATERIAL_A, MATERIAL_ETA, N_MATERIAL, SHAPE_SPHERE, Vec3
+
+
+def scene_of(vertices, faces):
+    """A compiled scene of one mesh in one plain material."""
+    n = len(vertices)
+    material = np.zeros((1, N_MATERIAL))
+    material[0, [MATERIAL_A, MATERIAL_ETA]] = 1.0
+    return make_scene(
+        vertex_positions=vertices,
+        vertex_normals=np.zeros((n, 3)),
+        vertex_uvs=np.zeros((n, 2)),
+        vertex_colors=np.ones((n, 3)),
+        face_vertices=faces,
+        face_material=np.zeros(len(faces), np.int32),
+        face_flags=np.zeros(len(faces), np.uint8),
+        materials=material,
+        material_flags=[[-1, 0, 0, 1]],
+    )
 
 
 @kernel
-def leave_triangles(positions, faces, primitives, u, v, directions, origins):
-    for i in range(len(primitives)):
-        a, b, c = faces[primitives[i]]
-        point = locate_on_triangle(positions, a, b, c, u[i], v[i])
-        d = Vec3(directions[i, 0], directions[i, 1], directions[i, 2])
-        o = offset_origin(point.position, point.error, point.normal, d)
+def offset_all(positions, errors, normals, directions, origins):
+    for i in range(len(positions)):
+        p = Vec3(positions[i, 0], positions[i, 1], positions[i, 2])
+        e = Vec3(errors[i, 0], errors[i, 1], errors[i, 2])
+        n = Vec3(normals[i, 0], normals[i, 1], normals[i, 2])
+        o = offset_origin(p, e, n, Vec3(directions[i, 0], directions[i, 1], directions[i, 2]))
         origins[i, 0], origins[i, 1], origins[i, 2] = o.x, o.y, o.z
+
+
+def leave_triangles(scene, primitives, u, v, directions):
+    """Origins of rays that leave points of faces, as the renderer's own surfaces give them."""
+    origins = np.empty((len(primitives), 3))
+    for first in range(0, len(primitives), PACKET):
+        k = slice(first, min(first + PACKET, len(primitives)))
+        hits = meet(scene, np.zeros(3), directions[k], primitives[k], u=u[k], v=v[k])[0]
+        offset_all(hits.get(POSITION), hits.get(ERROR), hits.get(GEOMETRIC), directions[k], origins[k])
+    return origins
 
 
 @kernel
@@ -75,7 +107,7 @@ def run(cases, seed=9):
             n = max(16, cases // 30)
             vertices, faces = convex(24, rng)
             vertices = np.ascontiguousarray((vertices + shift * np.array([1.0, -0.4, 0.3])) * scale)
-            caster = RayCaster(vertices, faces)
+            caster, scene = RayCaster(vertices, faces), scene_of(vertices, faces)
             a, b, c = (vertices[faces[:, k]] for k in range(3))
             normals = np.cross(b - a, c - a)
             narrow = np.linalg.norm(normals, axis=1, keepdims=True)[:, 0] / scale**2
@@ -89,10 +121,7 @@ def run(cases, seed=9):
                 directions = tangent + sign * lift * normals[primitives]
                 # what the rounded direction really does counts: the definition of out and in
                 rises = (directions * normals[primitives]).sum(1) * sign > 1e-12
-                origins = np.empty((n, 3))
-                leave_triangles(
-                    vertices.reshape(-1), faces, primitives, weights[:, 1], weights[:, 2], directions, origins
-                )
+                origins = leave_triangles(scene, primitives, weights[:, 1], weights[:, 2], directions)
                 found = by_packets(caster.bvh, origins, directions, skips=primitives)[1]
                 total += int(rises.sum())
                 if sign > 0:

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from tests.tracer.rays.packets import put_direction
 from tracer.jit import int64, kernel
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import ANY, CLOSEST
 from tracer.rays.predicate import unit_of
-from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST, set_ray
+from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
 from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
 
@@ -26,7 +27,7 @@ def trace_arrays(tree, memory, origins, directions, ends, skips, times, primitiv
                 store(at + ORIGIN + c * ROW, origins[k, c])
             # as the caster counts t; without it a t of a denormal's size is rounded otherwise
             unit = unit_of(directions[k, 0], directions[k, 1], directions[k, 2])
-            set_ray(packet, i, directions[k, 0] * unit, directions[k, 1] * unit, directions[k, 2] * unit)
+            put_direction(packet, i, directions[k, 0] * unit, directions[k, 1] * unit, directions[k, 2] * unit)
             store(at + T_BEST, ends[k] / unit)
             store(at + PRIMITIVE, int64(-1))
             store(at + SKIP, skips[k])
