@@ -99,13 +99,6 @@ MUTANTS = [
         "return _solve(dd, b, (o.x * o.x + o.y * o.y + o.z * o.z) - b * b / dd,",
     ),
     Mutant(
-        "cancelling-root",
-        "N7",
-        "geometry/quadric.py",
-        "first = c / far\n        second = far / dd",
-        "first = (b - root) / dd\n        second = far / dd",
-    ),
-    Mutant(
         "fixed-offset",  # an epsilon of 1e-4 instead of the derived bound
         "N9",
         "rays/spawn.py",
