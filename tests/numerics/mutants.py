@@ -35,11 +35,11 @@ MUTANTS = [
         "no-exact-sign",  # Woop's watertight test alone: shared edges count twice
         "N1",
         "rays/predicate.py",
-        "    if not ((low > e or high < -e) and abs(total) > e * WELL_SHAPED):\n",
-        "    if not (low >= 0.0 or high <= 0.0):\n        return False, 0.0, u, v, w\n    if total != total:\n",
+        "    if low > e or high < -e:\n",
+        "    if not (low >= 0.0 or high <= 0.0):\n        return False, 0.0, u, v, w\n    if low == low:\n",
     ),
     Mutant("no-tie-rule", "N1", "rays/predicate.py", "(1 if py > qy else -1)", "1"),
-    Mutant("t-of-slivers", "N3", "rays/predicate.py", "WELL_SHAPED: Final = 2.0**24", "WELL_SHAPED: Final = 0.0"),
+    Mutant("t-of-slivers", "N3", "rays/predicate.py", "fma(px, qy, -right) + rest", "px * qy - right"),
     Mutant(
         "contracted-shear",
         "N2,N3",
@@ -61,8 +61,14 @@ MUTANTS = [
         "(low < zero) & (high > zero)",
         "(low <= zero) & (high > zero)",
     ),
-    Mutant("no-pad", "N1,N2,N5", "rays/state.py", "return r, p - pad, p + pad,", "return r, p, p,"),
-    Mutant("near-is-far", "N1", "rays/state.py", "NODE_HIGH if neg_x else 0", "0 if neg_x else NODE_HIGH"),
+    Mutant("no-pad", "N1,N2,N5", "rays/start.py", "return r, p - pad, p + pad,", "return r, p, p,"),
+    Mutant(
+        "near-is-far",
+        "N1",
+        "rays/start.py",
+        "select(negative, _i64(NODE_HIGH + row), _i64(row))",
+        "select(negative, _i64(row), _i64(NODE_HIGH + row))",
+    ),
     Mutant(
         "least-id-lost",
         "N4,N15",

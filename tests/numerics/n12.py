@@ -33,7 +33,6 @@ def attenuate_all(rows, values):
 @kernel
 def shine_all(rows, values):
     for i in range(len(rows)):
-        one = Vec3(1.0, 1.0, 1.0)
         values[i] = power(max(0.0, rows[i, 0]), rows[i, 1])
 
 
