@@ -13,7 +13,7 @@ SELF := $(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolat
 PYTEST := $(PYTHON) -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check seed mini bench-error bench-service lock warm clean
+.PHONY: help demo test check seed mini bench-error bench-service bench-jobs stress mutants lock warm clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 16
@@ -60,6 +60,15 @@ bench-error: $(VENV)/dev.stamp ## error against seconds, by sampler
 
 bench-service: $(VENV)/dev.stamp ## what the service costs beside the kernels
 	@$(PYTHON) -m benchmarks.service
+
+bench-jobs: $(VENV)/dev.stamp ## whole pictures, starts and growth; beside Mitsuba where SMALTI_MITSUBA_PYTHON names one
+	@$(PYTHON) -m benchmarks.jobs
+
+stress: $(VENV)/dev.stamp ## the numerical stress suite at full size, a row a test
+	@$(PYTHON) -m tests.numerics
+
+mutants: $(VENV)/dev.stamp ## break the numerics in a copy, and see that the stress suite notices
+	@$(PYTHON) -m tests.numerics.mutants
 
 warm: $(VENV)/run.stamp ## compile the kernels into the cache
 	@$(PYTHON) -m client warm

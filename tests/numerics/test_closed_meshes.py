@@ -6,30 +6,12 @@ Small here; the sizes are parameters, for `make stress`.
 
 import numpy as np
 import pytest
-from closed_meshes import AIMS, MESHES, by_brute_force, rays_from_inside, sphere
+from closed_meshes import AIMS, by_brute_force, rays_from_inside, sphere
+from n01 import CELLS, placed
 
 from tracer.rays import RayCaster
 
 N_RAYS = 400
-OFFSETS = (0.0, 1.5e5, 1e7, 1e12)  # in mesh diameters
-SCALES = (1e-6, 1.0, 1e6)
-
-
-def placed(name, offset, scale):
-    """The mesh moved and scaled; None where float64 no longer resolves its shortest edge (a degenerate cell)."""
-    make, inside, reach = MESHES[name]
-    vertices, faces = make()
-    diameter = np.linalg.norm(vertices.max(0) - vertices.min(0))
-    shift = np.array([1.0, -0.7, 0.5]) * offset * diameter
-    moved = (vertices + shift) * scale
-    edges = moved[faces] - moved[np.roll(faces, 1, 1)]
-    shortest = np.linalg.norm(edges, axis=2).min()
-    if np.spacing(np.abs(moved).max()) > shortest / 8:
-        return None
-    return moved, faces, (np.array(inside) + shift) * scale, reach * scale
-
-
-CELLS = [(name, offset, scale) for name in MESHES for offset in OFFSETS for scale in SCALES]
 
 
 def test_which_cells_are_degenerate():

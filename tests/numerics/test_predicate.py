@@ -59,7 +59,8 @@ def on_floats(triangle, origin, direction):
     ax = np.abs(direction)
     kz = 2 if ax[2] >= ax[0] and ax[2] >= ax[1] else (1 if ax[1] >= ax[0] else 0)
     kx, ky = (kz + 1) % 3, (kz + 2) % 3
-    sx, sy, sz = direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]
+    sz = 1.0 / direction[kz]
+    sx, sy = direction[kx] * sz, direction[ky] * sz
     points = []
     for vertex in triangle:
         z = vertex[kz] - origin[kz]
@@ -147,7 +148,9 @@ def test_hit_or_miss_is_exact_and_t_within_its_bound(kind):
         if met[i] and np.isfinite(times[i]):
             n_met += 1
             _, t, spread = want
-            bound = (3 * 2.0**-24 + 4 * EPS) * spread + 4 * EPS * abs(float(t)) + 5e-324
+            # products of denormals lose what no weight can make good
+            relative = 3 * 2.0**-24 if kind == "denormal" else 8 * EPS
+            bound = relative * spread + 4 * EPS * abs(float(t)) + 5e-324
             assert abs(Fraction(float(times[i])) - t) <= bound, i
     assert n_met > 50 or kind in {"denormal", "grazing", "outside"}
 

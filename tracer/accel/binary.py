@@ -44,7 +44,7 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 RECORD_BYTES: Final = 32
-STOP: Final = 4  # records that are not split further; the collapse decides about leaves of up to 8
+STOP: Final = 2  # records that are not split further: of 3 or 4, one may be the wall behind all the others
 _BINS: Final = 16
 _ROW: Final = _BINS * RECORD_BYTES
 _ALL_BINS_BYTES: Final = 3 * _ROW
@@ -156,10 +156,10 @@ def build_binary(
     first_free
         Index of the first free node; 2 count nodes from there are this call's.
     stop
-        Nodes of at most so many records are left as they are.
+        Nodes of at most so many records are left for a later call, as far as ``pending`` has room.
     pending
         float64 (k, 8): rows (node, depth, -, -) and the centroid bounds as float32 (words 4..7) of the nodes that
-        were left, for a later call; k = 0 to forget them.
+        were left, for a later call.
 
     Returns
     -------
@@ -189,14 +189,15 @@ def build_binary(
         node = node_base + index * RECORD_BYTES
         start = _int64(load(_int32, node + 12))
         count = _int64(load(_int32, node + 28))
-        if count <= stop:
-            if n_pending < pending.shape[0] and count > STOP:
-                row = pending_base + n_pending * 64
-                store(row, _int64(index))
-                store(row + 8, _int64(level))
-                store(row + 32, bounds)
-                n_pending += 1
+        if count <= STOP:
             continue
+        if count <= stop and n_pending < pending.shape[0]:
+            row = pending_base + n_pending * 64
+            store(row, _int64(index))
+            store(row + 8, _int64(level))
+            store(row + 32, bounds)
+            n_pending += 1
+            continue  # else there is no room to say so, and it is split here
         extent = -_swapped(bounds) - bounds
         n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
         # just below n_bins, so that the upmost centroid falls into the last bin

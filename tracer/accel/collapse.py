@@ -70,10 +70,27 @@ def _shifted(row: Any, lanes: Any, by: int) -> Any:
 
 
 @kernel
-def plan_nodes(nodes: Any, first: int, end: int, costs: Any, plan: Any) -> None:
-    """Fill rows first..end of costs (n, 8) float32 and plan (n, 4) int32, whose children's rows are filled already."""
+def plan_nodes(
+    nodes: Any, first: int, end: int, costs: Any, first_cost: int, below: Any, first_below: int, plan: Any
+) -> None:
+    """Fill rows first..end of the plan, whose children's rows are filled already.
+
+    Parameters
+    ----------
+    nodes, plan
+        As the module says.
+    first, end
+        Which nodes.
+    costs
+        float32 (m, 8), row k for node ``first_cost`` + k; receives theirs.
+    first_cost
+        See there.
+    below, first_below
+        The same for their children's; may be the same array. Costs are needed once, so a subtree's go with it.
+    """
     node_base = address_of(nodes)
-    cost_base = address_of(costs)
+    cost_base = address_of(costs) - first_cost * RECORD_BYTES
+    below_base = address_of(below) - first_below * RECORD_BYTES
     plan_base = address_of(plan)
     lanes = iota(int32x8)
     infinite = splat(float32x8, _INF)
@@ -94,7 +111,7 @@ def plan_nodes(nodes: Any, first: int, end: int, costs: Any, plan: Any) -> None:
             store(entry + 4, _int32(child))
             store(entry + 8, _int32(0))
             continue
-        left = cost_base + child * RECORD_BYTES
+        left = below_base + child * RECORD_BYTES
         left_row = load(float32x8, left)
         right_row = load(float32x8, left + RECORD_BYTES)
         count = load(_int32, plan_base + child * PLAN_BYTES) + load(_int32, plan_base + (child + 1) * PLAN_BYTES)

@@ -21,7 +21,7 @@ from tracer.accel.collapse import measure, plan_nodes
 from tracer.accel.emit import ORDER_BITS, emit_node, emit_single_leaf, emit_subtree
 from tracer.accel.records import make_records, survey_faces, survey_vertices
 
-_TASKS: Final = 24  # subtrees of a large mesh that threads build; few enough that the top is a small part
+_TASKS: Final = 12  # subtrees of a large mesh that threads build; few enough that the top is a small part
 _LARGE: Final = 20_000  # triangles from which on tasks are made at all
 _TOP_LEVELS: Final = 2  # wide levels written before the tasks: at most 1 + 8 nodes, 64 tasks
 MAX_FACES: Final = 2 ** (31 - ORDER_BITS)
@@ -184,7 +184,6 @@ def _binary_tree(
     """Build the binary tree and its plan."""
     n = len(records)
     nodes = empty_aligned((2 * n + 8 * _TASKS, 8), np.float32)
-    costs = empty_aligned(nodes.shape, np.float32)
     plan = empty_aligned((len(nodes), 4), np.int32)
     words = nodes.view(np.int32)
     nodes[0] = boxes[0]
@@ -192,21 +191,30 @@ def _binary_tree(
     stop = n // _TASKS if n >= _LARGE else STOP
     pending = np.empty((8 * _TASKS if n >= _LARGE else 0, 8))
     top, n_pending = build_binary(records, nodes, 0, 0, boxes[1], 1, stop, pending)
+    costs = empty_aligned((top, 8), np.float32)
     roots = pending[:n_pending].view(np.int64)[:, 0]
     depths = pending[:n_pending].view(np.int64)[:, 1]
     centroids = pending[:n_pending].view(np.float32)[:, 8:]
     counts = words[roots, 7].astype(np.int64)
     starts = top + 2 * (np.cumsum(counts) - counts)
     none = np.empty((0, 8))
+    spare: list[NDArray[np.float32]] = []  # fresh memory costs more than what is written to it
 
     def task(i: int) -> None:
         start = int(starts[i])
         bounds = np.ascontiguousarray(centroids[i])
-        end, _ = build_binary(records, nodes, int(roots[i]), int(depths[i]), bounds, start, STOP, none)
-        plan_nodes(nodes, start, end, costs, plan)
+        root = int(roots[i])
+        end, _ = build_binary(records, nodes, root, int(depths[i]), bounds, start, STOP, none)
+        below = spare.pop() if spare else empty_aligned((2 * int(counts.max()), 8), np.float32)
+        plan_nodes(nodes, start, end, below, start, below, start, plan)
+        plan_nodes(nodes, root, root + 1, costs, 0, below, start, plan)
+        spare.append(below)
 
     list(run(task, np.argsort(-counts, kind="stable").tolist()))
-    plan_nodes(nodes, 0, top, costs, plan)
+    # above the roots, which have their plan already
+    edges = [-1, *sorted(roots.tolist()), top]
+    for below_root, root in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        plan_nodes(nodes, below_root + 1, root, costs, 0, costs, 0, plan)
     return nodes, plan
 
 
@@ -270,8 +278,8 @@ def _checked(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[Any],
         raise BvhError(f"faces: vertex {worst} is not one of 0 .. {len(vertices) - 1}")
     if vertices.dtype != np.float32:
         vertices = vertices.astype(np.float64, copy=False)
-    if faces.dtype not in (np.int32, np.int64):
-        faces = faces.astype(np.int64)
+    if len(vertices) < 2**31:  # one type of faces, one set of kernels
+        faces = faces.astype(np.int32, copy=False)
     return np.ascontiguousarray(vertices), np.ascontiguousarray(faces)
 
 

@@ -8,17 +8,19 @@
 ([1.0], [0])
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tracer.accel.layout import HEADER_WIDE_LEAVES
 from tracer.accel.wide import WideBvh, build_wide
-from tracer.rays.single import any_single, closest_single, count_single
+from tracer.rays.leaf import ANY, CLOSEST, COUNT
+from tracer.rays.stream import trace_stream
 
-_CHUNK: Final = 8192  # rays handed to a thread at a time
+CHUNK: Final = 8192  # rays handed to a thread at a time
+_NOTHING: Final = np.empty(0)
 
 
 class Hits(NamedTuple):
@@ -28,6 +30,30 @@ class Hits(NamedTuple):
     primitive: NDArray[np.int32]  # (n,) row of `faces`; -1 for a miss
     u: NDArray[np.float64]  # (n,) weight of the face's second vertex; 0 for a miss
     v: NDArray[np.float64]  # (n,) weight of the face's third vertex; the first has 1 - u - v
+
+
+class Rays(NamedTuple):
+    """A batch of rays in the form that kernels take."""
+
+    origins: NDArray[Any]  # (n, 3) float32 or float64
+    directions: NDArray[Any]  # (n, 3) float32 or float64
+    tmin: NDArray[np.float64]  # (n,), or (1,) for all
+    tmax: NDArray[np.float64]
+
+    @property
+    def n(self) -> int:
+        """How many."""
+        return len(self.origins)
+
+    @property
+    def packed(self) -> tuple[int, ...]:
+        """What :func:`tracer.rays.start.start_rays` takes; the arrays must live as long as it is used."""
+        numbers: list[int] = []
+        for array in (self.origins, self.directions):
+            numbers += [array.ctypes.data, int(array.dtype == np.float64)]
+        for limit in (self.tmin, self.tmax):
+            numbers += [limit.ctypes.data, 8 if len(limit) > 1 else 0]
+        return tuple(numbers)
 
 
 class RayCaster:
@@ -71,8 +97,6 @@ class RayCaster:
 
     def _use(self, bvh: WideBvh) -> None:
         self.bvh = bvh
-        wide = bool(bvh.buffer[HEADER_WIDE_LEAVES])
-        self._rows = np.empty(0, np.float64 if wide else np.float32)
 
     def closest_hit(
         self,
@@ -104,10 +128,12 @@ class RayCaster:
         ValueError
             Arrays of shapes that do not fit together.
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        n = len(rays[0])
-        hits = Hits(np.empty(n), np.empty(n, np.int32), np.empty(n), np.empty(n))
-        self._run(closest_single, rays, tuple(hits), threads)
+        rays = checked_rays(origins, directions, tmin, tmax)
+        n = rays.n
+        memory = np.empty(28 * n, np.uint8)  # in one piece: large ones come in large pages
+        floats = memory[: 24 * n].view(np.float64)
+        hits = Hits(floats[:n], memory[24 * n :].view(np.int32), floats[n : 2 * n], floats[2 * n :])
+        self._run(CLOSEST, rays, hits, threads)
         return hits
 
     def any_hit(
@@ -125,10 +151,10 @@ class RayCaster:
         -------
         bool (n,)
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        met = np.empty(len(rays[0]), np.bool_)
-        self._run(any_single, rays, met, threads)
-        return met
+        rays = checked_rays(origins, directions, tmin, tmax)
+        met = np.empty(rays.n, np.int32)
+        self._run(ANY, rays, Hits(_NOTHING, met, _NOTHING, _NOTHING), threads)
+        return met.astype(np.bool_)
 
     def count_hits(
         self,
@@ -148,37 +174,62 @@ class RayCaster:
         -------
         int32 (n,)
         """
-        rays = _checked_rays(origins, directions, tmin, tmax)
-        counts = np.empty(len(rays[0]), np.int32)
-        self._run(count_single, rays, counts, threads)
+        rays = checked_rays(origins, directions, tmin, tmax)
+        counts = np.empty(rays.n, np.int32)
+        self._run(COUNT, rays, Hits(_NOTHING, counts, _NOTHING, _NOTHING), threads)
         return counts
 
-    def _run(self, kernel: Any, rays: tuple[Any, ...], results: Any, threads: int) -> None:
-        """Run a kernel over all rays, in chunks on several threads; each writes its own rows."""
-        n = len(rays[0])
-        if threads <= 1 or n <= _CHUNK:
-            kernel(self._rows, self.bvh.buffer, *rays, 0, n, results)
+    def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
+        """Answer all rays, in chunks on several threads; each writes its own rows."""
+        work = _runs(rays, self.bvh)
+        packed = rays.packed
+
+        def run(path: Callable[..., None], start: int, end: int) -> None:
+            path(self.bvh.buffer, packed, start, end, mode, *hits)
+
+        if threads <= 1 or rays.n <= CHUNK:
+            for path, start, end in work:
+                run(path, start, end)
             return
-
-        def chunk(start: int) -> None:
-            kernel(self._rows, self.bvh.buffer, *rays, start, min(start + _CHUNK, n), results)
-
+        parts = [
+            (path, first, min(first + CHUNK, end)) for path, start, end in work for first in range(start, end, CHUNK)
+        ]
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(chunk, range(0, n, _CHUNK)))
+            list(pool.map(lambda part: run(*part), parts))
 
 
-def _checked_rays(
-    origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
-    """Bring rays into the forms that the kernels take."""
+def _runs(rays: Rays, bvh: WideBvh) -> list[tuple[Callable[..., None], int, int]]:
+    """Cut a batch into chunks, choose a path for each, and join neighbours that take the same one."""
+    runs: list[tuple[Callable[..., None], int, int]] = []
+    for start in range(0, rays.n, CHUNK):
+        end = min(start + CHUNK, rays.n)
+        path = choose_path(rays, start, end, bvh)
+        if runs and runs[-1][0] is path:
+            start = runs.pop()[1]  # noqa: PLW2901 - the run begins earlier
+        runs.append((path, start, end))
+    return runs
+
+
+def choose_path(rays: Rays, start: int, end: int, bvh: WideBvh) -> Callable[..., None]:
+    """Choose the kernel for rays start..end of a batch, at most `CHUNK`: the one door for further paths.
+
+    Every path takes the same parameters (:func:`tracer.rays.single.trace_single`) and gives the same answers, so this
+    is about speed alone. It looks at a few rays: what it costs, each chunk pays.
+    """
+    del rays, start, end, bvh
+    return trace_stream
+
+
+def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike) -> Rays:
+    """Bring rays into the form that the kernels take."""
     vectors = []
     for name, given in (("origins", origins), ("directions", directions)):
         array = np.asarray(given)
         if array.ndim != 2 or array.shape[1] != 3:
             raise ValueError(f"{name}: shape {array.shape}, expected (n, 3)")
-        if array.dtype not in (np.float32, np.float64):
+        if array.dtype not in {np.dtype(np.float32), np.dtype(np.float64)}:
             array = array.astype(np.float64)
-        vectors.append(np.ascontiguousarray(array))
+        vectors.append(np.require(array, requirements=["C", "A"]))
     n = len(vectors[0])
     if len(vectors[1]) != n:
         raise ValueError(f"directions: {len(vectors[1])} rows, expected {n} as in origins")
@@ -187,5 +238,5 @@ def _checked_rays(
         limit = np.atleast_1d(np.asarray(given, np.float64))
         if limit.shape not in {(1,), (n,)}:
             raise ValueError(f"{name}: shape {limit.shape}, expected a scalar or ({n},)")
-        limits.append(np.ascontiguousarray(limit))
-    return vectors[0], vectors[1], limits[0], limits[1]
+        limits.append(np.require(limit, requirements=["C", "A"]))
+    return Rays(vectors[0], vectors[1], limits[0], limits[1])

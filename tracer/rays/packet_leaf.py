@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
 from tracer.jit import inline, kernel
-from tracer.rays.predicate import CERTAIN, TINY, WELL_SHAPED, intersect_triangle
+from tracer.rays.predicate import CERTAIN, TINY, intersect_triangle, weigh
 from tracer.rays.rows import (
     INTEGERS,
     LANES,
@@ -313,8 +313,7 @@ def meet_triangle(
             maximum(absolute(cx), absolute(cy)),
         )
         e = largest * largest * CERTAIN + TINY
-        total = (u + v) + w
-        certain = ((low > e) | (high < -e)) & (absolute(total) > e * WELL_SHAPED)
+        certain = (low > e) | (high < -e)
         shear_z = load(VECTOR, ray + SHEAR + 2 * ROW)
         ta, tb, tc = shear_z * az, shear_z * bz, shear_z * cz
         least = minimum(ta, minimum(tb, tc))
@@ -325,6 +324,8 @@ def meet_triangle(
             lanes &= ~mask_to_bits(load(INTEGERS, ray + SKIP) == splat(INTEGERS, primitive))
         if lanes == 0:
             continue
+        u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
+        total = (u + v) + w
         t = ((u * ta + v * tb) + w * tc) / total
         t = minimum(maximum(t, least), most)
         met = lanes & mask_to_bits(certain)

@@ -13,17 +13,16 @@ on a closed mesh**.
 
 An edge function is off by at most (3 + 16 eps) eps (|l| + |r|) <= 6.1 eps L**2, eps = 2**-53, where l and r are its
 products and L the largest |x|, |y| of the three vertices (Shewchuk 1997, ccwerrboundA). Beyond ``e = 2**-50 L**2``
-(8 eps L**2) its sign is therefore certain. When all three are, and their sum is beyond 2**24 e, the rounded values
-do; else they are computed exactly, by fused multiply-add.
+(8 eps L**2) its sign is therefore certain. When all three are, the rounded values' signs do; else the exact ones are
+computed by fused multiply-add.
 
 Distances are counted for a direction scaled by a power of two into [1, 2) (`unit_of`; exact), so that neither very
 long nor very short directions cost accuracy.
 
-t is the mean of the vertices' Sz z weighted with U, V, W, clamped to their range: within
-``(3 * 2**-24 + 4 eps) (range)`` of the value for exact arithmetic on the same x, y, z, and mostly much closer (half an
-ulp of t at the median).
+t is the mean of the vertices' Sz z weighted with U, V, W to 1.5 ulp each (:func:`weigh`), clamped to their range:
+within 8 eps (range) + 3 eps |t| of the value for exact arithmetic on the same x, y, z, however slim the triangle.
 
-Source: Edelsbrunner and Muecke 1990 (ties).
+Sources: Edelsbrunner and Muecke 1990 (ties); Jeannerod, Louvet and Muller 2013 (Kahan's difference of products).
 """
 
 from typing import Any, Final
@@ -36,7 +35,6 @@ _int64: Final = types.int64
 
 CERTAIN: Final = 2.0**-50  # times L**2: beyond it an edge function's sign is certain
 TINY: Final = 1e-180  # added to it: below, products of three would lose bits to underflow
-WELL_SHAPED: Final = 2.0**24  # times CERTAIN L**2: beyond it the sum of rounded edge functions is good for t
 _CCW: Final = 3.3306690738754716e-16  # (3 + 16 eps) eps
 _LEAST_PRODUCT: Final = 1e-250  # above, the exact rest of a product does not underflow
 
@@ -53,6 +51,14 @@ def _scale_up(a: float, b: float) -> float:
     """Return a power of two that brings the larger of |a|, |b| near 1; only ever up, so scaling by it is exact."""
     larger = max(abs(a), abs(b))
     return max(1.0, _power_of_two_of(larger)) if larger > 0.0 else 1.0
+
+
+@inline
+def weigh(px: float, py: float, qx: float, qy: float) -> Any:
+    """Return px qy - py qx to 1.5 ulp, scalars or lanes, where no product underflows (Kahan)."""
+    right = py * qx
+    rest = fma(-py, qx, right)
+    return fma(px, qy, -right) + rest
 
 
 @kernel
@@ -149,8 +155,9 @@ def decide(
     e = largest * largest * CERTAIN + TINY
     low = min(u, v, w)
     high = max(u, v, w)
-    total = (u + v) + w
-    if not ((low > e or high < -e) and abs(total) > e * WELL_SHAPED):
+    if low > e or high < -e:
+        u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
+    else:
         if not (low >= -e or high <= e):
             return False, 0.0, u, v, w
         # the same power of two for all x, and for all y, keeps the weights' proportions, exactly, out of the denormals
@@ -163,7 +170,7 @@ def decide(
         w, sign_w = exact_edge(bx, by, ax, ay)
         if sign_u == 0 or sign_u != sign_v or sign_v != sign_w:
             return False, 0.0, u, v, w
-        total = (u + v) + w
+    total = (u + v) + w
     ta = sz * az
     tb = sz * bz
     tc = sz * cz

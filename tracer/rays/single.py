@@ -8,18 +8,16 @@ Invariant: at most `STACK_ENTRIES` entries wait, which the builder's depth bound
 
 from typing import Any, Final
 
-from tracer.accel.layout import HEADER_BYTES, NODE_CHILDREN, NODE_HIGH, STACK_ENTRIES, UNIT
+from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, CLOSEST, COUNT, barycentrics, visit_leaf
+from tracer.rays.leaf import ANY, CLOSEST, LEAF_SCRATCH_BYTES, finish, visit_leaf
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
-    bytes_of,
     count_trailing_zeros,
-    element_type,
     float32x8,
     load,
-    load_as_float64,
     mask_to_bits,
     maximum,
     minimum,
@@ -32,27 +30,20 @@ from tracer.simd import (
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
-_float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
-_TIMES_BYTES: Final = 64
-_STATE_BYTES: Final = s.STATE_BYTES
-_END: Final = 0xFFFFFFFF  # child word -1 (no leaf has it) at distance 0: never dropped
-_ROOT: Final = HEADER_BYTES // UNIT << 3
+_STATES_BYTES: Final = LANES * s.STATE_BYTES
+_SLOTS_BYTES: Final = 8 * LANES
+_END: Final = END & 0xFFFFFFFF  # at distance 0: never dropped
+FAR_X, FAR_Y, FAR_Z = s.NEAR_AND_FAR
 
 
 @inline
 def _spread(address: int) -> Any:
     return splat(float32x8, load(_float32, address))
-
-
-@inline
-def _far(near_row: int) -> int:
-    """Return the far row of an axis from its near row: the other of k and k + NODE_HIGH."""
-    return near_row + NODE_HIGH if near_row < NODE_HIGH else near_row - NODE_HIGH
 
 
 @inline
@@ -81,21 +72,20 @@ def _push_many(hits: int, near: int, children: int, top: int) -> int:
     return top
 
 
-@inline
-def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, mode: int) -> None:
+@kernel
+def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int) -> None:
     """Follow a started ray to its answer, left in the state.
 
     Parameters
     ----------
-    rows
-        Scalar type of the leaf rows.
     base
         Address of the tree.
-    state, stack, near, times
-        Addresses: the ray, `STACK_ENTRIES` int64, 8 float32, 8 float64.
+    state, stack, near, scratch
+        Addresses: the ray, `STACK_ENTRIES` int64, 8 float32, `LEAF_SCRATCH_BYTES`.
     mode
         CLOSEST, ANY or COUNT.
     """
+    wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
     rx = _spread(state + s.R)
     ry = _spread(state + s.R + 4)
     rz = _spread(state + s.R + 8)
@@ -108,15 +98,14 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
     near_x = load(_int64, state + s.NEAR_X)
     near_y = load(_int64, state + s.NEAR_Y)
     near_z = load(_int64, state + s.NEAR_Z)
-    far_x, far_y, far_z = _far(near_x), _far(near_y), _far(near_z)
+    far_x, far_y, far_z = FAR_X - near_x, FAR_Y - near_y, FAR_Z - near_z
     first = _spread(state + s.F_MIN)
     best = load(_float32, state + s.F_BEST)
     last = splat(float32x8, best)
-    up = splat(float32x8, _float32(s.UP))
     limit = (_int64(to_bits(best)) << 32) | 0xFFFFFFFF
     store(stack, _int64(_END))
     top = stack + 8
-    word = _int64(_ROOT)
+    word = load(_int64, state + s.NODE)
     while True:
         while word >= 0:
             node = base + word * (UNIT // 8)
@@ -134,7 +123,7 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
                 ),
                 minimum(multiply_add(load(float32x8, node + far_z), rz, far_pz), last),
             )
-            hits = mask_to_bits(enter <= leave * up)
+            hits = mask_to_bits(enter <= leave)
             children = node + NODE_CHILDREN
             if hits == 0:
                 break
@@ -165,10 +154,10 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
             top = _push_many(hits, near, children, top) - 8
             word = _word(load(_int64, top))
         if word < 0:
-            if word == -1:
+            if word == END:
                 return
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
-            if visit_leaf(rows, leaf, (word & 7) + 1, state, times, mode):
+            if visit_leaf(wide, leaf, (word & 7) + 1, state, scratch, mode):
                 if mode == ANY:
                     return
                 s.update_frame_best(state)
@@ -184,123 +173,42 @@ def trace(rows: Any, base: int, state: int, stack: int, near: int, times: int, m
         word = _word(entry)
 
 
-@inline
-def start_from_arrays(state: int, base: int, rays: Any, kinds: Any, i: int) -> bool:
-    """Start ray i of arrays given by address: see `addresses_of`."""
-    origins, directions, t_min, t_min_step, t_max, t_max_step = rays
-    kind_o, kind_d = kinds
-    o = origins + 3 * i * bytes_of(kind_o)
-    d = directions + 3 * i * bytes_of(kind_d)
-    size_o = bytes_of(kind_o)
-    size_d = bytes_of(kind_d)
-    return bool(
-        s.start_ray(
-            state,
-            base,
-            load_as_float64(_float64, kind_o, o),
-            load_as_float64(_float64, kind_o, o + size_o),
-            load_as_float64(_float64, kind_o, o + 2 * size_o),
-            load_as_float64(_float64, kind_d, d),
-            load_as_float64(_float64, kind_d, d + size_d),
-            load_as_float64(_float64, kind_d, d + 2 * size_d),
-            load(_float64, t_min + t_min_step * i),
-            load(_float64, t_max + t_max_step * i),
-        )
-    )
-
-
-@inline
-def addresses_of(origins: Any, directions: Any, t_min: Any, t_max: Any) -> Any:
-    """Return the arrays' addresses and the steps of the limits: 0 where one limit serves all rays."""
-    return (
-        address_of(origins),
-        address_of(directions),
-        address_of(t_min),
-        8 if t_min.shape[0] > 1 else 0,
-        address_of(t_max),
-        8 if t_max.shape[0] > 1 else 0,
-    )
-
-
 @kernel
-def closest_single(
-    rows: Any, tree: Any, origins: Any, directions: Any, t_min: Any, t_max: Any, start: int, end: int, hits: Any
+def trace_single(
+    tree: Any, rays: Any, start: int, end: int, mode: int, out_t: Any, out_primitive: Any, out_u: Any, out_v: Any
 ) -> None:
-    """Find the closest hits of rays start..end, one ray at a time.
+    """Answer rays start..end, one ray at a time.
 
     Parameters
     ----------
-    rows
-        Empty array of the leaf rows' dtype.
     tree
         int64 words of the tree.
-    origins, directions
-        (n, 3) float32 or float64.
-    t_min, t_max
-        float64, (n,) or (1,) for all.
+    rays
+        Tuple of eight int64, as :func:`tracer.rays.start.start_rays` takes it.
     start, end
         Which rays.
-    hits
-        Tuple (t float64, primitive int32, u float64, v float64), each (n,); rows start..end are written.
+    mode
+        CLOSEST, ANY or COUNT.
+    out_t, out_primitive, out_u, out_v
+        float64, int32, float64, float64; rows start..end are written. ``out_primitive`` receives the primitive or -1,
+        1 or 0 for ANY, the number of crossings for COUNT; the others are written for CLOSEST alone.
     """
-    out_t, out_primitive, out_u, out_v = hits
     base = address_of(tree)
-    rays = addresses_of(origins, directions, t_min, t_max)
-    kinds = (element_type(origins), element_type(directions))
-    row_kind = element_type(rows)
-    state = stack_memory(_STATE_BYTES)
+    reach = reach_of(base)
+    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
+    states = stack_memory(_STATES_BYTES)
+    slots = stack_memory(_SLOTS_BYTES)
+    rest = stack_memory(SCRATCH_BYTES)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
-    times = stack_memory(_TIMES_BYTES)
-    for i in range(start, end):
-        if start_from_arrays(state, base, rays, kinds, i):
-            trace(row_kind, base, state, stack, near, times, CLOSEST)
-        primitive = load(_int64, state + s.BEST_ID)
-        out_primitive[i] = primitive
-        if primitive >= 0:
-            out_t[i] = load(_float64, state + s.T_BEST) * load(_float64, state + s.UNIT_T)
-            out_u[i], out_v[i] = barycentrics(row_kind, state)
-        else:
-            out_t[i] = float("inf")
-            out_u[i] = 0.0
-            out_v[i] = 0.0
-
-
-@kernel
-def any_single(
-    rows: Any, tree: Any, origins: Any, directions: Any, t_min: Any, t_max: Any, start: int, end: int, met: Any
-) -> None:
-    """Tell which of the rays start..end meet anything; ``met`` is bool (n,), the rest as `closest_single`."""
-    base = address_of(tree)
-    rays = addresses_of(origins, directions, t_min, t_max)
-    kinds = (element_type(origins), element_type(directions))
-    row_kind = element_type(rows)
-    state = stack_memory(_STATE_BYTES)
-    stack = stack_memory(_STACK_BYTES)
-    near = stack_memory(_NEAR_BYTES)
-    times = stack_memory(_TIMES_BYTES)
-    for i in range(start, end):
-        if start_from_arrays(state, base, rays, kinds, i):
-            trace(row_kind, base, state, stack, near, times, ANY)
-        met[i] = load(_int64, state + s.BEST_ID) >= 0
-
-
-@kernel
-def count_single(
-    rows: Any, tree: Any, origins: Any, directions: Any, t_min: Any, t_max: Any, start: int, end: int, counts: Any
-) -> None:
-    """Count the crossings of the rays start..end; ``counts`` is int32 (n,), the rest as `closest_single`."""
-    base = address_of(tree)
-    rays = addresses_of(origins, directions, t_min, t_max)
-    kinds = (element_type(origins), element_type(directions))
-    row_kind = element_type(rows)
-    state = stack_memory(_STATE_BYTES)
-    stack = stack_memory(_STACK_BYTES)
-    near = stack_memory(_NEAR_BYTES)
-    times = stack_memory(_TIMES_BYTES)
-    for i in range(start, end):
-        ready = start_from_arrays(state, base, rays, kinds, i)
-        store(state + s.BEST_ID, _int64(0))
-        if ready:
-            trace(row_kind, base, state, stack, near, times, COUNT)
-        counts[i] = load(_int64, state + s.BEST_ID)
+    scratch = stack_memory(LEAF_SCRATCH_BYTES)
+    for k in range(LANES):
+        store(slots + 8 * k, states + k * s.STATE_BYTES)
+    for i in range(start, end, LANES):
+        count = min(end - i, LANES)
+        start_rays(slots, base, reach, rays, i, count, rest)
+        for k in range(count):
+            state = states + k * s.STATE_BYTES
+            if load(_int64, state + s.NODE) != END:
+                trace(base, state, stack, near, scratch, mode)
+            finish(state, i + k, mode, outputs)

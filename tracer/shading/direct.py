@@ -50,13 +50,12 @@ from tracer.shading.rows import (
 from tracer.simd import (
     absolute,
     any_lane,
-    exp,
     load,
-    log,
     mask_to_bits,
     maximum,
     minimum,
     population_count,
+    power,
     select,
     splat,
     sqrt,
@@ -239,9 +238,7 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
             squared = dot(half, half)  # 0 when l = -v
             n_dot_h = dot(vector_at(ray + NORMAL), half)
             n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
-            exponent = load(VECTOR, ray + EXPONENT)
-            highlight = select(n_dot_h > zero, exp(exponent * log(maximum(n_dot_h, splat(VECTOR, 1e-300)))), zero)
-            highlight = select(exponent == zero, splat(VECTOR, 1.0), highlight)
+            highlight = power(maximum(n_dot_h, zero), load(VECTOR, ray + EXPONENT))
             reflected = add(reflected, scale(ks, highlight))
         gained = multiply(reflected, arriving)
         put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))

@@ -42,6 +42,7 @@ from tracer.simd.lanes import (
     compress,
     concatenate,
     count_trailing_zeros,
+    deinterleave,
     extract,
     insert,
     iota,
@@ -54,6 +55,7 @@ from tracer.simd.lanes import (
     reduce_max,
     reduce_min,
     select,
+    transpose,
     unlikely,
     upper_half,
 )
@@ -99,6 +101,7 @@ __all__ = [
     "convert",
     "cos",
     "count_trailing_zeros",
+    "deinterleave",
     "element_type",
     "exp",
     "extract",
@@ -150,6 +153,7 @@ __all__ = [
     "stand_alone",
     "store",
     "to_bits",
+    "transpose",
     "unlikely",
     "upper_half",
 ]

@@ -128,6 +128,48 @@ def iota(_typing: Any, kind: Any) -> Any:
     return target(kind), generate
 
 
+@intrinsic
+def transpose(_typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Turn four vectors of four lanes, the rows of a matrix, into its columns."""
+    if not isinstance(a, VectorType) or a.lanes != 4 or not a == b == c == d:
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pairs = [
+            builder.shuffle_vector(low, high, lane_numbers(lanes))
+            for lanes in ([0, 4, 2, 6], [1, 5, 3, 7])
+            for low, high in (args[:2], args[2:])
+        ]
+        columns = [
+            builder.shuffle_vector(pairs[odd], pairs[odd + 1], lane_numbers(lanes))
+            for lanes in ([0, 1, 4, 5], [2, 3, 6, 7])
+            for odd in (0, 2)
+        ]
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(a, 4)(a, b, c, d), generate
+
+
+@intrinsic
+def deinterleave(_typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """Split twelve consecutive values, x y z x y z ... in three vectors of four lanes, into the x, the y and the z."""
+    if not isinstance(a, VectorType) or a.lanes != 4 or not a == b == c:
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        columns = []
+        for k in range(3):
+            taken = [(number // 4, number % 4) for number in range(k, 12, 3)]
+            first = [lane + 4 * which for which, lane in taken if which < 2]
+            joined = builder.shuffle_vector(args[0], args[1], lane_numbers(first + [0] * (4 - len(first))))
+            last = [4 + lane for which, lane in taken if which == 2]
+            order = list(range(len(first))) + last
+            columns.append(builder.shuffle_vector(joined, args[2], lane_numbers(order)))
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(a, 3)(a, b, c), generate
+
+
 def _half(name: str, which: int) -> Any:
     def typer(_typing: Any, vector: Any) -> Any:
         half = vector.lanes // 2

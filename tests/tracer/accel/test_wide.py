@@ -105,12 +105,16 @@ def test_identical_triangles():
     assert tree.n_triangles == 100_000
 
 
-def test_depth_is_bounded_where_sah_peels():
-    """Triangles shrinking geometrically towards a corner: SAH takes them off one by one."""
+@pytest.mark.parametrize("copies", [40, 200])
+def test_depth_is_bounded_where_sah_peels(copies):
+    """Triangles shrinking geometrically towards a corner: SAH takes them off one by one.
+
+    With 200 copies the mesh is large, and more subtrees come off at the top than are kept for threads.
+    """
     size = 0.5 ** np.arange(140.0)
     vertices = (np.eye(3)[None] * size[:, None, None] + size[:, None, None]).reshape(-1, 3)
     faces = np.arange(len(vertices)).reshape(-1, 3)
-    repeated = np.concatenate([faces] * 40)
+    repeated = np.concatenate([faces] * copies)
     tree = build_wide(vertices, repeated)
     assert tree.depth <= layout.MAX_DEPTH
     check(tree, vertices, repeated)

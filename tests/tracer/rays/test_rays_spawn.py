@@ -75,9 +75,6 @@ def test_a_ray_does_not_meet_its_triangles_neighbours(scale, offset):
         assert (hits.primitive[sine > 1e-14 * (1.0 + offset)] == -1).all()
 
 
-@pytest.mark.xfail(
-    reason="the predicate's t is off by 18 eps L^2 / area of a slim triangle; the origins' bound has no such term"
-)
 def test_a_ray_does_not_meet_slim_neighbours():
     """Triangles down to 1e-4 as wide as long, left at the very edge: N9 asks for none of them to be met."""
     rng = np.random.default_rng(1)

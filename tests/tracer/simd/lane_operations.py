@@ -21,15 +21,19 @@ from tracer.simd import (
     concatenate,
     convert,
     count_trailing_zeros,
+    deinterleave,
     extract,
+    float32x4,
     float32x8,
     float32x16,
+    float64x4,
     float64x8,
     floor,
     fma,
     gather,
     insert,
     int32x8,
+    int64x4,
     int64x8,
     iota,
     load,
@@ -50,6 +54,7 @@ from tracer.simd import (
     sqrt,
     stack_memory,
     store,
+    transpose,
     upper_half,
 )
 
@@ -126,6 +131,29 @@ def moves(values, index, numbers, bits, out, wide, longs, scalars):
     return mask_to_bits(load(float32x16, o) == load(float32x16, o))
 
 
+def matrix_kernel(vector, row):
+    @kernel
+    def run(values, columns, thirds):
+        v, o = address_of(values), address_of(columns)
+        turned = transpose(load(vector, v), load(vector, v + row), load(vector, v + 2 * row), load(vector, v + 3 * row))
+        split = deinterleave(load(vector, v), load(vector, v + row), load(vector, v + 2 * row))
+        for i in range(4):
+            store(o + i * row, turned[i])
+        for i in range(3):
+            store(address_of(thirds) + i * row, split[i])
+
+    return run
+
+
+def check_matrices():
+    for vector, dtype in ((float32x4, np.float32), (float64x4, np.float64), (int64x4, np.int64)):
+        values = np.arange(16).astype(dtype).reshape(4, 4)
+        columns, thirds = np.zeros((4, 4), dtype), np.zeros((3, 4), dtype)
+        matrix_kernel(vector, 4 * values.itemsize)(values, columns, thirds)
+        np.testing.assert_array_equal(columns, values.T)
+        np.testing.assert_array_equal(thirds, np.arange(12).reshape(4, 3).T)
+
+
 def check_floats(dtype, vector, digest):
     rng = np.random.default_rng(5)
     size = np.dtype(dtype).itemsize
@@ -189,6 +217,7 @@ def main():
     check_floats(np.float32, float32x8, digest)
     check_floats(np.float64, float64x8, digest)
     check_moves(digest)
+    check_matrices()
     rng = np.random.default_rng(8)
     elementary = np.array([simd_value(x) for x in rng.uniform(0.01, 30, 200)])
     digest.update(elementary.tobytes())

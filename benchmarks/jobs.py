@@ -1,0 +1,223 @@
+"""``make bench-jobs``: whole pictures, beside Mitsuba in the same run; start, compilation, and how cost grows.
+
+    python -m benchmarks.jobs [--only whole,start,...] [--repeats 5] [--size 512] [--small] [--peer PYTHON]
+
+*whole*: the mirror box (`benchmarks.mirrorbox`), 32 triangles and 1.31 M, 16 samples, one core; *start*: a 64 x 64
+picture from process start and through a running service; *compile*: all kernels into an empty cache; *growth*: with
+triangles, lights, resolution and depth; *workers*: two workers against one, long, only when named.
+Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
+
+Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
+of code and scene not; peers take turns with us, the first two do not count (both may compile), medians do. The peer
+runs under an interpreter of its own: ``--peer`` or SMALTI_MITSUBA_PYTHON names one that has ``mitsuba`` (``pip install
+mitsuba``; its ``llvm_ad_rgb`` needs a libLLVM). Where there is none the row says so.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import mirrorbox
+from benchmarks.data import REPOSITORY
+from benchmarks.jobs_page import write_page
+from benchmarks.jobs_processes import measure_compile, measure_start, measure_workers
+from benchmarks.local import compile_document
+from benchmarks.machine import describe_machine
+from tracer.render import render_compiled
+from tracer.types import CompiledScene
+
+PEER = "SMALTI_MITSUBA_PYTHON"
+ABSENT = f"Mitsuba is not here: set {PEER} to an interpreter with it (`pip install mitsuba`, mitsuba-renderer.org)"
+SAMPLES = 16
+WARM_TURNS = 2
+
+
+class Peer:
+    """Mitsuba in a process of its own, that renders when it is told to."""
+
+    def __init__(self, python: str, arrays: Path, picture: Path) -> None:
+        self.picture = picture
+        self.version = ""
+        script = str(REPOSITORY / "benchmarks" / "peer_mitsuba.py")
+        self.process = subprocess.Popen(
+            [python, script, str(arrays), str(picture)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def render(self) -> float:
+        """Render once; returns CPU seconds.
+
+        Raises
+        ------
+        RuntimeError
+            The peer ended, with the last line that it said.
+        """
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        try:
+            self.process.stdin.write("\n")
+            self.process.stdin.flush()
+            answer = self.process.stdout.readline()
+        except BrokenPipeError:
+            answer = ""
+        if not answer:
+            said = self.process.stderr.read().strip().splitlines()
+            raise RuntimeError(said[-1] if said else "the peer ended")
+        facts = json.loads(answer)
+        self.version = facts["version"]
+        return float(facts["cpu_s"])
+
+    def close(self) -> None:
+        """End the process."""
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+        self.process.wait()
+
+
+def compile_parts(scene: list[mirrorbox.Part], folder: Path, **settings: Any) -> CompiledScene:
+    """Compile a scene of `mirrorbox`."""
+    for part in scene:
+        if part.name == "sphere":
+            mirrorbox.write_ply(folder / mirrorbox.PLY, part)
+    return compile_document(mirrorbox.document(scene, **settings), folder)
+
+
+def render_cpu_s(compiled: CompiledScene) -> tuple[float, NDArray[np.float32]]:
+    """Return the CPU seconds of one picture on one thread, and its pixels."""
+    start = time.process_time()
+    film = render_compiled(compiled, threads=1)
+    return time.process_time() - start, film.pixels
+
+
+def median_cpu_s(compiled: CompiledScene, repeats: int) -> float:
+    """Return the median CPU seconds of a picture; the first does not count."""
+    return statistics.median([render_cpu_s(compiled)[0] for _ in range(repeats + 1)][1:])
+
+
+def measure_whole(name: str, sphere: int, size: int, repeats: int, python: str | None) -> dict[str, Any]:
+    """Measure one mirror box, in turns with the peer where it is there."""
+    scene = mirrorbox.parts(sphere)
+    row: dict[str, Any] = {"job": name, "triangles": sum(len(part.faces) for part in scene), "size": size}
+    row |= {"samples": SAMPLES, "peer": None, "note": ABSENT}
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        compiled = compile_parts(scene, folder, size=size, samples=SAMPLES)
+        mirrorbox.write_arrays(folder / "scene.npz", scene, size, SAMPLES)
+        peer = Peer(python, folder / "scene.npz", folder / "picture.npy") if python else None
+        ours, theirs = [], []
+        try:
+            for _ in range(repeats + WARM_TURNS):
+                if peer is not None:
+                    try:
+                        theirs.append(peer.render())
+                    except RuntimeError as error:
+                        row["note"], peer = f"Mitsuba gave up: {error}", None
+                seconds, pixels = render_cpu_s(compiled)
+                ours.append(seconds)
+        finally:
+            if peer is not None:
+                peer.close()
+        row |= {"ours_all_s": ours[WARM_TURNS:], "ours_s": statistics.median(ours[WARM_TURNS:])}
+        if peer is not None:
+            picture = np.load(peer.picture).astype(np.float64)
+            row |= {"peer": f"Mitsuba {peer.version} llvm_ad_rgb", "note": ""}
+            row |= {"peer_all_s": theirs[WARM_TURNS:], "peer_s": statistics.median(theirs[WARM_TURNS:])}
+            row["ratio"] = row["peer_s"] / row["ours_s"]
+            row["rmse"] = float(np.sqrt(((picture - pixels) ** 2).mean()))
+            row["means"] = [float(pixels.mean()), float(picture.mean())]
+    return row
+
+
+def measure_growth(repeats: int, largest: float, scale: int) -> list[dict[str, Any]]:
+    """Measure how cost grows; ``scale`` divides the picture's edge (to try the script)."""
+    rows: list[dict[str, Any]] = []
+
+    def measure(series: str, value: int, scene: list[mirrorbox.Part], size: int, samples: int, **more: Any) -> None:
+        row: dict[str, Any] = {"series": series, "value": value}
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                compiled = compile_parts(scene, Path(folder), size=size, samples=samples, **more)
+                seconds = median_cpu_s(compiled, repeats)
+            row |= {"cpu_s": seconds, "s_per_sample": seconds / (size * size * samples)}
+        except (MemoryError, OSError, RuntimeError, ValueError) as error:
+            row["note"] = f"{type(error).__name__}: {error}"
+        rows.append(row)
+        print(row, flush=True)
+
+    size = 256 // scale
+    for exponent in range(2, 8):
+        if 10**exponent <= largest:
+            scene = mirrorbox.parts(10**exponent)
+            measure("triangles", sum(len(part.faces) for part in scene), scene, size, 16)
+    for lights in (1, 2, 4, 8, 16, 32, 64):
+        measure("lights", lights, mirrorbox.parts(), size, 4, lights=lights)
+    for edge in (64, 128, 256, 512, 1024):
+        measure("resolution", edge // scale, mirrorbox.parts(), edge // scale, 16)
+    for depth in (0, 1, 2, 4, 8, 16, 32):
+        measure("depth", depth, mirrorbox.parts(mirror_walls=True), size, 16, depth=depth)
+    return rows
+
+
+def main() -> int:
+    """Measure what is asked for, write the page, print the rows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="whole,start,compile,growth", help="also: workers")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--largest", type=float, default=1e7, help="triangles, for growth")
+    parser.add_argument("--peer", default=os.environ.get(PEER))
+    parser.add_argument("--small", action="store_true", help="to try the script: small sizes, pages into out/")
+    options = parser.parse_args()
+    chosen = set(options.only.split(","))
+    size = 128 if options.small else options.size
+    repeats = 2 if options.small else options.repeats
+    is_result = not options.small and options.repeats >= 5 and options.size == 512
+    folder = REPOSITORY / ("benchmarks/results" if is_result else "out")
+    parts: dict[str, Callable[[], Any]] = {
+        "whole": lambda: [
+            measure_whole(name, triangles, size, repeats, options.peer)
+            for name, triangles in (("mirror box", 0), ("mirror box, bumpy sphere", mirrorbox.BIG))
+        ],
+        "start": lambda: measure_start(repeats, options.peer),
+        "compile": measure_compile,
+        "growth": lambda: measure_growth(
+            1 if options.small else repeats,
+            min(options.largest, 1e4 if options.small else 1e9),
+            4 if options.small else 1,
+        ),
+        "workers": lambda: measure_workers(repeats, 2.0 if options.small else 60.0),
+    }
+    unknown = chosen - parts.keys()
+    if unknown:
+        parser.error(f"--only {','.join(sorted(unknown))}: expected some of {','.join(parts)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "jobs.json"
+    # what is not measured now stays as it was measured before: the long rows come by runs of their own
+    result: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    for name, measure in parts.items():
+        if name in chosen:
+            result[name] = {"machine": describe_machine(), "rows": measure()}
+            print(json.dumps(result[name]["rows"], indent=1), flush=True)
+            path.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n")
+    write_page(result, folder)
+    print((folder / "jobs.md").read_text())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

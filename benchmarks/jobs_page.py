@@ -1,0 +1,123 @@
+"""The page and the plots of `benchmarks.jobs`.
+
+Invariant: nothing is computed here that is not in the JSON; the plots' bytes depend on it alone.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import machine_line
+
+SERIES = {
+    "triangles": "triangles",
+    "lights": "point lights",
+    "resolution": "pixels along an edge",
+    "depth": "bounces at most (four mirror walls)",
+}
+
+
+def whole_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the table of whole pictures."""
+    lines = [
+        "## Whole pictures",
+        "",
+        "The mirror box, a point light, one core, CPU seconds of a picture, medians; the peer takes turns with us.",
+        "",
+        "| job | triangles | picture | ours s | Mitsuba s | x | RMSE between | means |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        picture = f"{row['size']} x {row['size']}, {row['samples']} samples"
+        cells = [row["job"], f"{row['triangles']:,}", picture, f"{row['ours_s']:.4f}"]
+        if row["peer"]:
+            means = " / ".join(f"{mean:.5f}" for mean in row["means"])
+            cells += [f"{row['peer_s']:.4f}", f"**{row['ratio']:.2f}**", f"{row['rmse']:.5f}", means]
+        else:
+            cells += [row["note"], "", "", ""]
+        lines.append(f"| {' | '.join(cells)} |")
+    peers = sorted({row["peer"] for row in rows if row["peer"]})
+    if peers:
+        lines += [
+            "",
+            f"Peer: {', '.join(peers)}, an integrator of its own for this job (`benchmarks/peer_mitsuba.py`).",
+        ]
+    return lines
+
+
+def process_lines(title: str, rows: list[dict[str, Any]]) -> list[str]:
+    """Return the table of what was measured from process start."""
+    lines = ["", f"## {title}", "", "| what | wall s | CPU s | of which |", "|---|---|---|---|"]
+    for row in rows:
+        named = {"import_s": "import", "kernels_s": "kernels from the cache", "render_s": "picture"}
+        told = [f"{label} {row[name]:.2f}" for name, label in named.items() if name in row]
+        if "functions" in row:
+            told.append(f"{row['functions']} functions")
+        lines.append(f"| {row['what']} | {row['wall_s']:.2f} | {row['cpu_s']:.2f} | {', '.join(told)} |")
+    return lines
+
+
+def growth_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the table of growth."""
+    lines = ["", "## How cost grows", "", "![nanoseconds a sample](jobs.png)", ""]
+    lines += ["| of | value | CPU s | ns a sample |", "|---|---|---|---|"]
+    for row in rows:
+        cells = [row["series"], f"{row['value']:,}"]
+        cells += [f"{row['cpu_s']:.3f}", f"{1e9 * row['s_per_sample']:.1f}"] if "cpu_s" in row else [row["note"], ""]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def worker_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the table of workers."""
+    lines = ["", "## Two workers against one", "", "| | |", "|---|---|"]
+    for row in rows:
+        turns = ", ".join(f"{one:.1f} / {two:.1f}" for one, two in zip(row["one_s"], row["two_s"], strict=True))
+        lines += [
+            f"| 512 x 512, {row['samples']} samples: one worker's seconds over two's | **{row['ratio']:.3f}** |",
+            f"| first lease to last tile, one / two | {turns} |",
+            f"| kernel seconds with one worker | {', '.join(f'{s:.1f}' for s in row['kernel_one_s'])} |",
+        ]
+    return lines
+
+
+def plot(rows: list[dict[str, Any]], folder: Path) -> None:
+    """Draw nanoseconds a sample, one panel a series."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    mpl.rcParams["svg.hashsalt"] = "smalti"
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(SERIES), figsize=(15, 3.8), constrained_layout=True)
+    for panel, (series, label) in zip(panels, SERIES.items(), strict=True):
+        points = [
+            (row["value"], 1e9 * row["s_per_sample"]) for row in rows if row["series"] == series and "cpu_s" in row
+        ]
+        if points:
+            panel.plot(*zip(*points, strict=True), marker="o", color="#2f5d9b")
+        panel.set_xscale("symlog" if series == "depth" else "log")
+        panel.set_ylim(bottom=0)
+        panel.set_xlabel(label)
+        panel.grid(visible=True, alpha=0.25)
+    panels[0].set_ylabel("ns a sample")
+    figure.savefig(folder / "jobs.png", dpi=110)
+    figure.savefig(folder / "jobs.svg", metadata={"Date": None})
+    plt.close(figure)
+
+
+def write_page(result: dict[str, Any], folder: Path) -> None:
+    """Write jobs.md, and the plots where growth was measured."""
+    lines = ["# Whole jobs", "", "`make bench-jobs`; `benchmarks/jobs.py` says what is measured and how.", ""]
+    if "whole" in result:
+        lines += whole_lines(result["whole"]["rows"])
+    for name, title in (("start", "From process start, kernels compiled"), ("compile", "First compilation")):
+        if name in result:
+            lines += process_lines(title, result[name]["rows"])
+    if "growth" in result:
+        lines += growth_lines(result["growth"]["rows"])
+        plot(result["growth"]["rows"], folder)
+    if "workers" in result:
+        lines += worker_lines(result["workers"]["rows"])
+    machines = {machine_line(part["machine"]) for part in result.values()}
+    lines += ["", *(f"Machine: {line}." for line in sorted(machines))]
+    (folder / "jobs.md").write_text("\n".join(lines) + "\n")

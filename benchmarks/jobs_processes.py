@@ -1,0 +1,144 @@
+"""The rows of `benchmarks.jobs` that are about processes: start, first compilation, two workers against one.
+
+Invariant: wall time, from before the process is started; CPU seconds of the process and its children beside it.
+"""
+
+import json
+import math
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.cornell import cornell_box
+from benchmarks.data import REPOSITORY
+from client.api import Client, require_success
+from client.launch import service
+
+# Prints seconds of each step as JSON; what `smalti render` does, in its order.
+_STEPS = """
+import json, sys, time
+start = time.perf_counter()
+import client.cli, client.local
+from tracer.render import render_scene
+from tracer.scene import parse_scene
+imported = time.perf_counter()
+from tracer.jit import warm
+warm(lock=False)
+loaded = time.perf_counter()
+render_scene(parse_scene(open(sys.argv[1], "rb").read()), None, threads=1)
+rendered = time.perf_counter()
+print(json.dumps({"import_s": imported - start, "kernels_s": loaded - imported, "render_s": rendered - loaded}))
+"""
+
+
+def timed(command: list[str], **variables: str) -> tuple[float, float, str]:
+    """Run a command of the repository; returns (wall seconds, CPU seconds, what it printed).
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        It failed.
+    """
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = time.perf_counter()
+    done = subprocess.run(
+        command, cwd=REPOSITORY, env={**os.environ, **variables}, capture_output=True, text=True, check=True
+    )
+    wall_s = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall_s, cpu_s, done.stdout
+
+
+def measure_start(repeats: int, peer: str | None) -> list[dict[str, Any]]:
+    """Measure a 64 x 64 picture from process start, kernels compiled; ours, through the service, and the peer's."""
+    steps: dict[str, list[float]] = {"import_s": [], "kernels_s": [], "render_s": []}
+    walls: dict[str, list[tuple[float, float]]] = {"render": [], "submit": [], "mitsuba": []}
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder, "scene.json")
+        scene.write_text(json.dumps(cornell_box(64, 64, 4)))
+        smalti = [sys.executable, "-m", "client"]
+        with service(workers=1) as running:
+            for turn in range(repeats + 1):
+                target = str(Path(folder, f"{turn}.png"))
+                runs = {
+                    "render": [*smalti, "render", str(scene), "-o", target, "-q"],
+                    "submit": [*smalti, "submit", str(scene), "--wait", "-q", "--url", running.url],
+                }
+                if peer:
+                    runs["mitsuba"] = [peer, str(REPOSITORY / "benchmarks" / "peer_mitsuba.py"), "--start"]
+                for name, command in runs.items():
+                    wall_s, cpu_s, _ = timed(command)
+                    if turn:
+                        walls[name].append((wall_s, cpu_s))
+                told = json.loads(timed([sys.executable, "-c", _STEPS, str(scene)])[2])
+                if turn:
+                    for name, seconds in told.items():
+                        steps[name].append(seconds)
+    labels = {
+        "render": "`smalti render`, 64 x 64, from process start",
+        "submit": "`smalti submit --wait` to a running service",
+        "mitsuba": "Mitsuba `scalar_rgb`, 64 x 64, from process start",
+    }
+    rows: list[dict[str, Any]] = [
+        {
+            "what": labels[name],
+            "wall_s": statistics.median(wall for wall, _ in found),
+            "cpu_s": statistics.median(cpu for _, cpu in found),
+        }
+        for name, found in walls.items()
+        if found
+    ]
+    rows[0] |= {name: statistics.median(seconds) for name, seconds in steps.items()}
+    return rows
+
+
+def measure_compile() -> list[dict[str, Any]]:
+    """Measure the first compilation of all kernels, which is what `make demo` needs, into an empty cache."""
+    with tempfile.TemporaryDirectory() as cache:
+        wall_s, cpu_s, _ = timed([sys.executable, "-m", "client", "warm"], SMALTI_CACHE=cache)
+        n_files = len(list(Path(cache).glob("**/*.nbc")))
+    return [{"what": "`smalti warm`, empty SMALTI_CACHE", "wall_s": wall_s, "cpu_s": cpu_s, "functions": n_files}]
+
+
+def rendering_s(client: Client, samples: int, seed: int) -> tuple[float, float]:
+    """Render a 512 x 512 Cornell box through a service; (seconds from first lease to last tile, kernel seconds)."""
+    job = client.submit(cornell_box(512, 512, samples, seed=seed))
+    require_success(client.wait(job.id))
+    report = client.report(job.id)
+    client.delete(job.id)
+    return float(report["seconds"]["first_lease_to_last_tile"]), float(report["kernel_s"])
+
+
+def measure_workers(repeats: int, kernel_s: float) -> list[dict[str, Any]]:
+    """Measure two workers against one, in turns, on a job of at least ``kernel_s`` seconds in kernels."""
+    seconds: dict[int, list[float]] = {1: [], 2: []}
+    kernels: dict[int, list[float]] = {1: [], 2: []}
+    samples = 0
+    for turn in range(repeats):
+        for workers in (1, 2):
+            with service(workers=workers) as running, Client(running.url, timeout_s=900.0) as client:
+                rendering_s(client, 1, 0)  # the workers load their kernels
+                if samples == 0:
+                    samples = max(1, math.ceil(16 * 1.1 * kernel_s / rendering_s(client, 16, 0)[1]))
+                wall_s, in_kernels_s = rendering_s(client, samples, turn + 1)
+                seconds[workers].append(wall_s)
+                kernels[workers].append(in_kernels_s)
+    pairs = [one / two for one, two in zip(seconds[1], seconds[2], strict=True)]
+    return [
+        {
+            "what": "two workers against one",
+            "samples": samples,
+            "one_s": seconds[1],
+            "two_s": seconds[2],
+            "kernel_one_s": kernels[1],
+            "kernel_two_s": kernels[2],
+            "ratio": statistics.median(pairs),
+        }
+    ]

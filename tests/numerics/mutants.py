@@ -1,0 +1,191 @@
+"""``make mutants`` (N25): break the numerics in a copy, one small change at a time; the stress suite must fail each.
+
+    python -m tests.numerics.mutants [--only NAME,NAME] [--list]
+
+Each mutant compiles the kernels that its tests use anew: half a minute to a minute apiece.
+Invariant: the sources here are never touched; a change that no longer fits the sources is an error, not a pass.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+class Mutant(NamedTuple):
+    """A change of one file, and the tests that must notice."""
+
+    name: str
+    tests: str
+    file: str
+    before: str
+    after: str
+
+
+MUTANTS = [
+    Mutant("fastmath", "N1,N3,N7", "jit.py", '"fastmath": False', '"fastmath": True'),
+    Mutant(
+        "no-exact-sign",  # Woop's watertight test alone: shared edges count twice
+        "N1",
+        "rays/predicate.py",
+        "    if low > e or high < -e:\n",
+        "    if not (low >= 0.0 or high <= 0.0):\n        return False, 0.0, u, v, w\n    if low == low:\n",
+    ),
+    Mutant("no-tie-rule", "N1", "rays/predicate.py", "(1 if py > qy else -1)", "1"),
+    Mutant("t-of-slivers", "N3", "rays/predicate.py", "fma(px, qy, -right) + rest", "px * qy - right"),
+    Mutant(
+        "contracted-shear",
+        "N2,N3",
+        "rays/predicate.py",
+        "        (ax - ox) - sx * az,\n",
+        "        fma(-sx, az, ax - ox),\n",
+    ),
+    Mutant(
+        "contracted-product",
+        "N2,N3",
+        "rays/predicate.py",
+        "    u = cx * by - cy * bx\n",
+        "    u = fma(cx, by, -(cy * bx))\n",
+    ),
+    Mutant(
+        "edge-lost-in-packets",  # < becomes <=
+        "N2",
+        "rays/packet_leaf.py",
+        "(low < zero) & (high > zero)",
+        "(low <= zero) & (high > zero)",
+    ),
+    Mutant("no-pad", "N1,N2,N5", "rays/start.py", "return r, p - pad, p + pad,", "return r, p, p,"),
+    Mutant(
+        "near-is-far",
+        "N1",
+        "rays/start.py",
+        "select(negative, _i64(NODE_HIGH + row), _i64(row))",
+        "select(negative, _i64(row), _i64(NODE_HIGH + row))",
+    ),
+    Mutant(
+        "least-id-lost",
+        "N4,N15",
+        "rays/leaf.py",
+        "t < best or (t == best and primitive <",
+        "t < best or (False and primitive <",
+    ),
+    Mutant(
+        "least-id-lost-in-packets",
+        "N4,N15",
+        "rays/packet_leaf.py",
+        "(t == t_best) & (splat(INTEGERS, primitive) < best)",
+        "(t == t_best) & (splat(INTEGERS, primitive) > best)",
+    ),
+    Mutant(
+        "packets-without-slop",
+        "N1,N2,N4,N5",
+        "rays/packet.py",
+        "slop = 2.0**-46 * (1.0",
+        "slop = 0.0 * (1.0",
+    ),
+    Mutant(
+        "packets-without-rounding",
+        "N2,N4,N5",
+        "rays/packet.py",
+        "_ROUNDING: Final = 2.0**-21",
+        "_ROUNDING: Final = 0.0",
+    ),
+    Mutant(
+        "plain-discriminant",
+        "N7",
+        "geometry/quadric.py",
+        "return _solve(dd, b, x * x + y * y + z * z,",
+        "return _solve(dd, b, (o.x * o.x + o.y * o.y + o.z * o.z) - b * b / dd,",
+    ),
+    Mutant(
+        "fixed-offset",  # an epsilon of 1e-4 instead of the derived bound
+        "N9",
+        "rays/spawn.py",
+        "    distance = abs(normal.x) * error.x + abs(normal.y) * error.y + abs(normal.z) * error.z\n",
+        "    distance = 1e-4\n",
+    ),
+    Mutant(
+        "no-offset",
+        "N9",
+        "rays/spawn.py",
+        "return Vec3(away(position.x + x, x), away(position.y + y, y), away(position.z + z, z))",
+        "return Vec3(position.x, position.y, position.z)",
+    ),
+    Mutant(
+        "rests-dropped",
+        "N23",
+        "render/blocks.py",
+        "sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)",
+        "sums[i + 6] = lost",
+    ),
+    Mutant(
+        "plain-snell",
+        "N12",
+        "shading/phong.py",
+        "square = (1.0 - ratio) * (1.0 + ratio) + along * along",
+        "square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)",
+    ),
+    Mutant(
+        "attenuation-unguarded",
+        "N18",
+        "shading/phong.py",
+        "return 1.0 / denominator if denominator > 0.0 else 0.0",
+        "return 1.0 / denominator",
+    ),
+]
+
+
+def try_mutant(mutant: Mutant, folder: Path) -> str:
+    """Apply a mutant to a copy and run its tests there: "caught by ...", "SURVIVED" or "BROKEN: ...".
+
+    Raises
+    ------
+    ValueError
+        The sources no longer hold what the mutant changes.
+    """
+    for name in ("tracer", "benchmarks", "tests/numerics"):
+        shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
+    path = folder / "tracer" / mutant.file
+    text = path.read_text()
+    if text.count(mutant.before) < 1:
+        raise ValueError(f"{mutant.name}: {mutant.file} no longer holds {mutant.before!r}")
+    path.write_text(text.replace(mutant.before, mutant.after))
+    variables = {**os.environ, "SMALTI_CACHE": str(folder / "cache"), "PYTHONPATH": str(folder)}
+    command = [sys.executable, "-m", "tests.numerics", "--scale", "0", "--processes", "1", "--only", mutant.tests]
+    done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    caught = [line.split()[0] for line in done.stdout.splitlines() if line.split()[1:2] == ["FAIL"]]
+    if caught:
+        return f"caught by {', '.join(caught)}"
+    if done.returncode:
+        return f"BROKEN: {(done.stderr.strip().splitlines() or ['no message'])[-1]}"
+    return "SURVIVED"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default=",".join(mutant.name for mutant in MUTANTS))
+    parser.add_argument("--list", action="store_true")
+    options = parser.parse_args()
+    names = set(options.only.split(","))
+    if options.list:
+        print("\n".join(f"{mutant.name:26s} {mutant.tests:12s} {mutant.file}" for mutant in MUTANTS))
+        return 0
+    failed = 0
+    for mutant in (mutant for mutant in MUTANTS if mutant.name in names):
+        start = time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            verdict = try_mutant(mutant, Path(folder))
+        failed += not verdict.startswith("caught")
+        print(f"{mutant.name:26s} {mutant.tests:12s} {verdict} ({time.perf_counter() - start:.0f} s)", flush=True)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,183 @@
+"""Every path gives the same answers, bit for bit: t, primitive, u and v, whether anything is met, how often.
+
+The paths are held against each other here; brute force is their oracle in tests/numerics.
+"""
+
+import numpy as np
+import pytest
+
+from tracer.rays import RayCaster
+from tracer.rays import caster as caster_module
+from tracer.rays.caster import CHUNK, Hits, checked_rays
+from tracer.rays.leaf import ANY, CLOSEST, COUNT
+from tracer.rays.single import trace_single
+from tracer.rays.stream import IN_FLIGHT, trace_stream
+
+PATHS = {"single": trace_single, "stream": trace_stream}
+
+
+def bumpy(n, dtype=np.float64):
+    """A closed bumpy sphere of 4 n n triangles with shared poles' seams, in a box of twelve more."""
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1), indexing="ij")
+    r = 1 + 0.2 * np.sin(5 * theta) * np.cos(7 * phi)
+    points = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], -1)
+    i, j = np.meshgrid(np.arange(n), np.arange(2 * n), indexing="ij")
+    a = (i * (2 * n + 1) + j).ravel()
+    below = a + 2 * n + 1
+    faces = np.concatenate([np.stack([a, below, a + 1], -1), np.stack([a + 1, below, below + 1], -1)])
+    corners = np.array([[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    walls = np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))])
+    vertices = np.concatenate([corners, (r[..., None] * points).reshape(-1, 3)])
+    return vertices.astype(dtype), np.concatenate([walls, faces + 8])
+
+
+def answers(path, caster, rays, start=0, end=None):
+    """All that a path has to say about rays start..end; rows it must not touch are -7."""
+    n = rays.n
+    end = n if end is None else end
+    found = []
+    for mode in (CLOSEST, ANY, COUNT):
+        hits = Hits(np.full(n, -7.0), np.full(n, -7, np.int32), np.full(n, -7.0), np.full(n, -7.0))
+        path(caster.bvh.buffer, rays.packed, start, end, mode, *hits)
+        found += hits if mode == CLOSEST else [hits.primitive]
+    return found
+
+
+def assert_paths_agree(caster, *given):
+    rays = checked_rays(*given)
+    plain = answers(trace_single, caster, rays)
+    for name, path in PATHS.items():
+        for one, other in zip(plain, answers(path, caster, rays), strict=True):
+            np.testing.assert_array_equal(one, other, err_msg=name)
+    return plain
+
+
+def adversarial(vertices, faces, n, rng):
+    """Rays from inside, outside and the surface; at vertices, along edges and axes; and what is no ray."""
+    face = faces[rng.integers(0, len(faces), n)]
+    a, b, c = (vertices[face[:, k]].astype(np.float64) for k in range(3))
+    weights = rng.dirichlet((1, 1, 1), n)
+    on_surface = weights[:, :1] * a + weights[:, 1:2] * b + weights[:, 2:] * c
+    origins = np.where(rng.random((n, 1)) < 0.5, on_surface, rng.normal(size=(n, 3)))
+    target = np.choose(rng.integers(0, 4, n)[:, None], [a, (a + b) / 2, a * 0.3 + b * 0.7, rng.normal(size=(n, 3))])
+    directions = target - origins
+    kind = rng.integers(0, 20, n)
+    axis = np.zeros((n, 3))
+    axis[np.arange(n), rng.integers(0, 3, n)] = rng.choice([-1.0, 1.0], n)
+    directions[kind < 3] = axis[kind < 3]
+    origins[kind == 0] = a[kind == 0]
+    origins[kind == 3] *= 10.0 ** rng.uniform(1, 90, (n, 1))[kind == 3]
+    directions[kind == 4] *= 1e-200
+    directions[kind == 5] *= 1e200
+    directions[kind == 6] = 0.0
+    origins[kind == 7] = np.nan
+    directions[kind == 8, 1] = np.inf
+    t_min = np.where(rng.random(n) < 0.8, 0.0, rng.normal(size=n))
+    t_max = np.where(rng.random(n) < 0.8, np.inf, rng.normal(size=n) * 2)
+    return origins, directions, t_min, t_max
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_on_adversarial_rays(dtype):
+    vertices, faces = bumpy(24, dtype)
+    caster = RayCaster(vertices, faces)
+    rng = np.random.default_rng(41)
+    t, primitive, _u, _v, any_met, counts = assert_paths_agree(caster, *adversarial(vertices, faces, 6000, rng))
+    np.testing.assert_array_equal(any_met != 0, primitive >= 0)
+    np.testing.assert_array_equal(counts > 0, primitive >= 0)
+    np.testing.assert_array_equal(np.isfinite(t), primitive >= 0)
+    assert 0.2 < any_met.mean() < 0.95
+
+
+@pytest.mark.parametrize(("offset", "scale"), [(0.0, 1e-6), (1e5, 1.0), (1e9, 1e6), (0.0, 1e-80), (3.0, 1e60)])
+def test_at_other_places_and_scales(offset, scale):
+    """Where float32 sifts nothing out, and where its products leave its range."""
+    vertices, faces = bumpy(10)
+    rng = np.random.default_rng(42)
+    origins, directions, t_min, t_max = adversarial(vertices, faces, 1500, rng)
+    shift = np.array([1.0, -0.6, 0.3]) * offset
+    caster = RayCaster((vertices + shift) * scale, faces)
+    *_, counts = assert_paths_agree(caster, (origins + shift) * scale, directions * scale, t_min, t_max)
+    assert counts.max() > 1
+
+
+def test_coincident_triangles():
+    vertices, faces = bumpy(8)
+    doubled = np.concatenate([faces, faces[:, [2, 0, 1]], faces])
+    rng = np.random.default_rng(43)
+    _t, primitive, *_ = assert_paths_agree(RayCaster(vertices, doubled), *adversarial(vertices, faces, 2000, rng))
+    assert primitive.max() < len(faces)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 7, 8, IN_FLIGHT - 1, IN_FLIGHT, IN_FLIGHT + 1, 3 * IN_FLIGHT + 2])
+def test_batches_of_any_size(n):
+    """A ray's answer is its own, whatever else is in flight; rows that were not asked for are not touched."""
+    vertices, faces = bumpy(12)
+    caster = RayCaster(vertices, faces)
+    rng = np.random.default_rng(44)
+    origins, directions = rng.normal(size=(n + 5, 3)), rng.normal(size=(n + 5, 3))
+    rays = checked_rays(origins, directions, 0.0, np.inf)
+    whole = answers(trace_single, caster, rays)
+    for path in PATHS.values():
+        for one, part in zip(whole, answers(path, caster, rays, 2, n + 2), strict=True):
+            np.testing.assert_array_equal(one[2 : n + 2], part[2 : n + 2])
+            assert (part[:2] == -7).all()
+            assert (part[n + 2 :] == -7).all()
+
+
+def test_types_mixed_and_read_only():
+    vertices, faces = bumpy(12)
+    caster = RayCaster(vertices, faces)
+    rng = np.random.default_rng(45)
+    origins = rng.normal(size=(300, 3)).astype(np.float32)
+    directions = rng.normal(size=(300, 3)).astype(np.float32)
+    origins.flags.writeable = False
+    reference = caster.closest_hit(origins, directions)
+    for kinds in ((np.float32, np.float64), (np.float64, np.float32), (np.float64, np.float64)):
+        hits = caster.closest_hit(origins.astype(kinds[0]), directions.astype(kinds[1]), np.zeros(300), [np.inf])
+        for one, other in zip(reference, hits, strict=True):
+            np.testing.assert_array_equal(one, other)
+    packed = np.zeros(300 * 25 + 1, np.uint8)[1:].view(np.dtype([("skip", "u1"), ("o", "f8", 3)]))  # not aligned
+    packed["o"] = origins
+    np.testing.assert_array_equal(caster.closest_hit(packed["o"], directions).t, reference.t)
+
+
+def test_from_far_away_with_a_long_direction():
+    """So far off that boxes decide nothing: a direction of length 2 and more lost every hit once."""
+    vertices, faces = bumpy(6)
+    caster = RayCaster(vertices, faces)
+    origins = np.array([[-1e20, 0.1, 0.2]] * 6)
+    directions = np.zeros((6, 3))
+    directions[:, 0] = [1.0, 2.0, 3.0, 1e9, 1e300, 1e-9]
+    for mode in (CLOSEST, ANY, COUNT):
+        rays = checked_rays(origins, directions, 0.0, np.inf)
+        for path in PATHS.values():
+            hits = Hits(np.empty(6), np.empty(6, np.int32), np.empty(6), np.empty(6))
+            path(caster.bvh.buffer, rays.packed, 0, 6, mode, *hits)
+            if mode == CLOSEST:
+                assert (hits.primitive >= 0).all()
+            else:
+                assert (hits.primitive > 0).all()
+
+
+def test_chunks_take_their_own_paths(monkeypatch):
+    """Whatever is chosen for each chunk, and however the chunks are spread over threads: the same answers."""
+    vertices, faces = bumpy(16)
+    caster = RayCaster(vertices, faces)
+    rng = np.random.default_rng(46)
+    n = 3 * CHUNK + 100
+    origins, directions = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    reference = caster.closest_hit(origins, directions)
+    chosen = []
+
+    def alternate(_rays, start, end, _bvh):
+        chosen.append((start, end))
+        return trace_single if start // CHUNK % 2 else trace_stream
+
+    monkeypatch.setattr(caster_module, "choose_path", alternate)
+    for threads in (1, 2):
+        hits = caster.closest_hit(origins, directions, threads=threads)
+        for one, other in zip(reference, hits, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert chosen[:4] == [(0, CHUNK), (CHUNK, 2 * CHUNK), (2 * CHUNK, 3 * CHUNK), (3 * CHUNK, n)]

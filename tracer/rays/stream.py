@@ -1,0 +1,239 @@
+"""Many rays in flight through the wide tree, so that waiting for memory and for branches of one ray serves others.
+
+Each ray has a state and a stack of its own. Rays whose next stop is a node stand in one list, those at a leaf in a
+second, those that are done in a third; a round goes through each list once, takes every ray one step further and asks
+for the memory of its next stop. A node's step has no branch that depends on the ray: the eight keys are sorted by
+a network, missed children last, all are written, and the stack grows by those that were met.
+
+Invariant: the answer is that of :mod:`tracer.rays.single`, bit for bit: a leaf decides alike on every path, and what is
+left is the least (t, id), in whatever order leaves are visited.
+"""
+
+from typing import Any, Final
+
+from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
+from tracer.jit import inline, kernel
+from tracer.rays import state as s
+from tracer.rays.leaf import ANY, LEAF_SCRATCH_BYTES, finish, sift_leaf, visit_triangles
+from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
+from tracer.simd import (
+    address_of,
+    float32x8,
+    int32x8,
+    iota,
+    load,
+    mask8,
+    mask_from_bits,
+    mask_to_bits,
+    maximum,
+    minimum,
+    multiply_add,
+    permute,
+    population_count,
+    prefetch,
+    select,
+    splat,
+    stack_memory,
+    store,
+    to_bits,
+)
+from tracer.simd.gateway import types
+
+_float32: Final = types.float32
+_int32: Final = types.int32
+_int64: Final = types.int64
+
+IN_FLIGHT: Final = 32
+# Near distances, then child words; an odd number of cache lines, so that the stacks' bottoms do not share L1 sets.
+_WORDS: Final = (4 * STACK_ENTRIES + 63) // 64 * 64
+_STACK_BYTES: Final = 2 * _WORDS + 64 * (1 - (2 * _WORDS // 64) % 2)
+_ALL_STACKS_BYTES: Final = IN_FLIGHT * _STACK_BYTES
+_ALL_STATES_BYTES: Final = IN_FLIGHT * s.STATE_BYTES
+_LIST_BYTES: Final = 8 * IN_FLIGHT + 64
+_BOTTOM: Final = -(2**31)  # nearer than anything: never dropped
+_FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
+_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
+
+
+@inline
+def _spread(address: int) -> Any:
+    return splat(float32x8, load(_float32, address))
+
+
+@inline
+def _compare_exchange(keys: Any, lanes: Any, distance: int, high_first: int) -> Any:
+    """Order the keys of lanes i and i ^ distance; lanes of ``high_first`` receive the higher one."""
+    other = permute(keys, lanes ^ splat(int32x8, distance))
+    return select(mask_from_bits(mask8, high_first), maximum(keys, other), minimum(keys, other))
+
+
+@inline
+def _sorted(keys: Any, lanes: Any) -> Any:
+    """Sort eight keys, the highest into lane 0 (bitonic, Batcher 1968)."""
+    keys = _compare_exchange(keys, lanes, 1, 0b10011001)
+    keys = _compare_exchange(keys, lanes, 2, 0b11000011)
+    keys = _compare_exchange(keys, lanes, 1, 0b10100101)
+    keys = _compare_exchange(keys, lanes, 4, 0b00001111)
+    keys = _compare_exchange(keys, lanes, 2, 0b00110011)
+    return _compare_exchange(keys, lanes, 1, 0b01010101)
+
+
+@inline
+def _visit_node(base: int, state: int) -> Any:
+    """Test the children of the ray's node, push those that are met, the nearest last; returns the stack's new top."""
+    node = base + load(_int64, state + s.NODE) * (UNIT // 8)
+    near_x = load(_int64, state + s.NEAR_X)
+    near_y = load(_int64, state + s.NEAR_Y)
+    near_z = load(_int64, state + s.NEAR_Z)
+    rx = _spread(state + s.R)
+    ry = _spread(state + s.R + 4)
+    rz = _spread(state + s.R + 8)
+    enter = maximum(
+        maximum(
+            multiply_add(load(float32x8, node + near_x), rx, _spread(state + s.P_NEAR)),
+            multiply_add(load(float32x8, node + near_y), ry, _spread(state + s.P_NEAR + 4)),
+        ),
+        maximum(
+            multiply_add(load(float32x8, node + near_z), rz, _spread(state + s.P_NEAR + 8)), _spread(state + s.F_MIN)
+        ),
+    )
+    leave = minimum(
+        minimum(
+            multiply_add(load(float32x8, node + (_FAR_X - near_x)), rx, _spread(state + s.P_FAR)),
+            multiply_add(load(float32x8, node + (_FAR_Y - near_y)), ry, _spread(state + s.P_FAR + 4)),
+        ),
+        minimum(
+            multiply_add(load(float32x8, node + (_FAR_Z - near_z)), rz, _spread(state + s.P_FAR + 8)),
+            _spread(state + s.F_BEST),
+        ),
+    )
+    met = enter <= leave
+    lanes = iota(int32x8)
+    # the three lowest bits of the distance, rounded down, make room for the child's number
+    keys = (to_bits(enter) & splat(int32x8, -8)) | lanes
+    keys = _sorted(select(met, keys, splat(int32x8, -1)), lanes)
+    top = load(_int64, state + s.STACK_TOP)
+    store(top, keys)
+    store(top + _WORDS, permute(load(int32x8, node + NODE_CHILDREN), keys & splat(int32x8, 7)))
+    return top + 4 * population_count(mask_to_bits(met))
+
+
+@inline
+def _go_to(base: int, state: int, top: int) -> Any:
+    """Take the stack's upmost entry as the ray's next stop, and ask for its memory; returns its child word."""
+    top -= 4
+    word = _int64(load(_int32, top + _WORDS))
+    store(state + s.STACK_TOP, top)
+    store(state + s.NODE, word)
+    place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
+    for line in range(_LINES):
+        prefetch(place + 64 * line)
+    return word
+
+
+@inline
+def _without_overtaken(state: int, top: int) -> Any:
+    """Drop the upmost entries that a hit has overtaken; returns the new top."""
+    limit = load(_int32, state + s.F_BEST)
+    while load(_int32, top - 4) > limit:
+        top -= 4
+    return top
+
+
+@inline
+def _enlist(word: int, state: int, nodes: int, leaves: int) -> Any:
+    """Append a ray to the list of its next stop, without a branch; returns the lists' new ends."""
+    store(nodes, state)
+    store(leaves, state)
+    is_leaf = word >> 63  # -1 or 0
+    return nodes + 8 + 8 * is_leaf, leaves - 8 * is_leaf
+
+
+@kernel
+def trace_stream(
+    tree: Any, rays: Any, start: int, end: int, mode: int, out_t: Any, out_primitive: Any, out_u: Any, out_v: Any
+) -> None:
+    """Answer rays start..end, many in flight; parameters as :func:`tracer.rays.single.trace_single`."""
+    base = address_of(tree)
+    wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
+    reach = reach_of(base)
+    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
+    states = stack_memory(_ALL_STATES_BYTES)
+    stacks = stack_memory(_ALL_STACKS_BYTES)
+    nodes = stack_memory(_LIST_BYTES)
+    leaves = stack_memory(_LIST_BYTES)
+    done = stack_memory(_LIST_BYTES)
+    free = stack_memory(_LIST_BYTES)
+    found = stack_memory(_LIST_BYTES)
+    rest = stack_memory(SCRATCH_BYTES)
+    scratch = stack_memory(LEAF_SCRATCH_BYTES)
+    for k in range(IN_FLIGHT):
+        state = states + k * s.STATE_BYTES
+        stack = stacks + k * _STACK_BYTES
+        store(free + 8 * k, state)
+        store(state + s.STACK, stack)
+        store(stack, _int32(_BOTTOM))
+        store(stack + _WORDS, _int32(END))
+    nodes_end, leaves_end = nodes, leaves
+    free_end = free + 8 * IN_FLIGHT
+    i = start
+    while True:
+        while i < end and free_end >= free + 8 * LANES:
+            free_end -= 8 * LANES
+            count = min(end - i, LANES)
+            start_rays(free_end, base, reach, rays, i, count, rest)
+            for k in range(count):
+                state = load(_int64, free_end + 8 * k)
+                store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
+                store(state + s.RAY_INDEX, i + k)
+                nodes_end, leaves_end = _enlist(load(_int64, state + s.NODE), state, nodes_end, leaves_end)
+            i += count
+        if nodes_end == nodes and leaves_end == leaves:
+            return
+        last, nodes_end = nodes_end, nodes
+        for place in range(nodes, last, 8):
+            state = load(_int64, place)
+            word = _go_to(base, state, _visit_node(base, state))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+        last, leaves_end, done_end = leaves_end, leaves, done
+        for place in range(leaves, last, 8):
+            state = load(_int64, place)
+            store(leaves_end, state)
+            store(done_end, state)
+            is_done = _int64(load(_int64, state + s.NODE) == END)
+            leaves_end += 8 * (1 - is_done)
+            done_end += 8 * is_done
+        last, leaves_end, found_end = leaves_end, leaves, found
+        for place in range(leaves, last, 8):
+            state = load(_int64, place)
+            word = load(_int64, state + s.NODE)
+            candidates = sift_leaf(wide, base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1, state)
+            store(state + s.CANDIDATES, candidates)
+            store(found_end, state)
+            store(leaves_end, state)
+            nothing = _int64(candidates == 0)
+            found_end += 8 * (1 - nothing)
+            leaves_end += 8 * nothing
+        for place in range(found, found_end, 8):
+            state = load(_int64, place)
+            word = load(_int64, state + s.NODE)
+            leaf = base + (word & 0x7FFFFFF8) * (UNIT // 8)
+            if visit_triangles(wide, leaf, (word & 7) + 1, load(_int64, state + s.CANDIDATES), state, scratch, mode):
+                if mode == ANY:
+                    store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
+                else:
+                    s.update_frame_best(state)
+        last, leaves_end = leaves_end, leaves
+        for place in range(leaves, last, 8):
+            state = load(_int64, place)
+            word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+        for place in range(found, found_end, 8):
+            state = load(_int64, place)
+            word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
+            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+        for place in range(done, done_end, 8):
+            state = load(_int64, place)
+            finish(state, load(_int64, state + s.RAY_INDEX), mode, outputs)
+            store(free_end, state)
+            free_end += 8
