@@ -8,7 +8,7 @@
     ├── JobCanceledError (5)         the job ended as canceled
     ├── NotReachableError (6)        no service answers at the address
     ├── NotFoundError (7)            no such job or result
-    ├── ConflictError (8)            the state does not allow it, or the key was used for another request
+    ├── ConflictError (8)            the job's state, a key used before, a port or store in use
     ├── TimedOutError (9)            the time given to wait ran out; the job goes on
     ├── ApiError (1)                 any other problem that the service answered
     └── DownloadError (1)            what arrived is not what was announced
