@@ -55,6 +55,7 @@ def submit(
 
     terminal = Terminal(as_json=as_json, quiet=quiet)
     targets = [(path, result_kind(path)) for path in output or []]  # a bad name is told before any work
+    options.check_targets(output or [])
     document, folder = read_scene(scene)
     prepared = prepare_scene(options.override(document, samples=samples, size=size), folder)
     for warning in prepared.warnings:
@@ -119,6 +120,7 @@ def get(
     terminal = Terminal(as_json=as_json)
     suffix = {ResultKind.EXR: ".exr", ResultKind.REPORT: ".json"}.get(kind or ResultKind.PNG, ".png")
     targets = [(path, str(kind) if kind else result_kind(path)) for path in output or [Path(f"{job}{suffix}")]]
+    options.check_targets(path for path, _ in targets)
     written = []
     with _connect(url) as client:
         for path, one in targets:

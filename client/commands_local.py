@@ -43,6 +43,7 @@ def render(
     targets = {result_kind(path): path for path in output}
     if len(targets) < len(output):
         raise UsageError("-o is given twice for one format")
+    options.check_targets(output)
     options.output_options(png, tile_size)  # checks the tile size
     document, folder = read_scene(scene)
     prepared = prepare_scene(options.override(document, samples=samples, size=size), folder)

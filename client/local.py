@@ -144,7 +144,7 @@ def render_to_files(
     prepared : PreparedScene
         The scene and its files.
     targets : Mapping
-        "png", "exr", "report" → file to write.
+        "png", "exr", "report" → file to write; its folder exists.
     png_color_space : str
         "srgb" or "linear".
     threads : int, optional
@@ -169,8 +169,6 @@ def render_to_files(
 
     scene = parse_prepared(prepared)
     film = _render(scene, prepared, threads or _n_cores(), quiet=quiet)
-    for path in targets.values():
-        path.parent.mkdir(parents=True, exist_ok=True)
     x, y, width, height = film.window
     try:
         with FilmWriter(

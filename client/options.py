@@ -1,7 +1,8 @@
 """Options that several commands share, and the parsing of their values."""
 
+import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from enum import StrEnum
 from pathlib import Path
@@ -48,6 +49,26 @@ Size = Annotated[str | None, typer.Option(metavar="WxH", help="Image size in pix
 TileSize = Annotated[int | None, typer.Option(min=16, max=512, help="Edge of a tile in pixels, a multiple of 16.")]
 Png = Annotated[ColorSpace, typer.Option("--png", help="Encoding of the PNG.")]
 Timeout = Annotated[float | None, typer.Option(metavar="SECONDS", min=0, help="Give up waiting after this time.")]
+
+
+def check_targets(paths: Iterable[Path]) -> None:
+    """Look whether files can be written at these places, before any work is done for them.
+
+    Raises
+    ------
+    UsageError
+        A folder does not exist or cannot be written to, or a folder has the file's name.
+    """
+    for path in paths:
+        folder = path.parent
+        if not folder.is_dir():
+            raise UsageError(
+                f"cannot write {path}: there is no folder {folder}", hint=f"make it first: mkdir -p {folder}"
+            )
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise UsageError(f"cannot write {path}: the folder {folder} cannot be written to")
+        if path.is_dir():
+            raise UsageError(f"cannot write {path}: it is a folder", hint="give the name of a file")
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -104,6 +104,8 @@ def test_wrong_usage(smalti: Any, scene: Path, tmp_path: Path) -> None:
         ("submit", scene, "--size", "0x5"),
         ("submit", scene, "--tile-size", 40),
         ("submit", scene, "-o", "out.jpg"),
+        ("submit", scene, "-o", tmp_path / "none" / "out.png"),
+        ("get", "job1", "-o", tmp_path / "none" / "out.png"),
         ("status", "job1", "--url", "no-url"),
         ("render", scene),
         ("nonsense",),

@@ -109,8 +109,17 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, changes: dict[str,
 def test_unwritable_output(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     result = smalti("render", write(tmp_path), "-o", tmp_path / "file/a.png")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
+    assert "there is no folder" in result.stderr
     assert "Traceback" not in result.output
+
+
+def test_no_folder_is_made_and_nothing_rendered_for_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("client.local.render_to_files", lambda *_, **__: pytest.fail("rendered"))
+    result = smalti("render", write(tmp_path), "-o", tmp_path / "none/deep/a.png")
+    assert result.exit_code == 2
+    assert f"there is no folder {tmp_path}/none/deep" in result.stderr
+    assert not (tmp_path / "none").exists()
 
 
 def test_ctrl_c_stops_the_kernels_at_once(tmp_path: Path) -> None:

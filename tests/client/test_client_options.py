@@ -1,9 +1,25 @@
 """Options that several commands share."""
 
+from pathlib import Path
+
 import pytest
 
 from client.errors import UsageError
-from client.options import override, parse_size
+from client.options import check_targets, override, parse_size
+
+
+def test_targets_must_be_writable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.png").mkdir()
+    check_targets([Path("new.png"), tmp_path / "new.exr"])
+    with pytest.raises(UsageError, match="there is no folder none") as caught:
+        check_targets([Path("new.png"), Path("none/x.png")])
+    assert caught.value.hint == "make it first: mkdir -p none"
+    with pytest.raises(UsageError, match="it is a folder"):
+        check_targets([Path("a.png")])
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(UsageError, match="cannot be written to"):
+        check_targets([Path("new.png")])
 
 
 def test_sizes() -> None:
