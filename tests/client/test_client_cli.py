@@ -289,7 +289,7 @@ def test_unwritable_output_is_an_error_with_its_name(smalti: Any, fake: Any, tmp
     fake.results = {"result.png": b"png"}
     (tmp_path / "file").write_text("")
     result = smalti("get", "job1", "-o", tmp_path / "file/a.png")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert str(tmp_path / "file") in result.stderr
 
 

@@ -23,7 +23,7 @@ FAKE = {"SMALTI_BACKEND": "fake"}
 def test_a_service_that_cannot_start_says_why() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
-        pytest.raises(SmaltiError, match="ended with status 1") as caught,
+        pytest.raises(SmaltiError, match="ended with status 8") as caught,
         service(port=taken.getsockname()[1], environment=FAKE),
     ):
         pass

@@ -34,6 +34,7 @@ def write(folder: Path, **changes: Any) -> Path:
 
 
 def test_render_writes_pictures_and_a_report(tmp_path: Path) -> None:
+    (tmp_path / "new").mkdir()
     targets = [tmp_path / "new/a.png", tmp_path / "new/a.exr", tmp_path / "new/a.json"]
     result = smalti("render", write(tmp_path), *[one for target in targets for one in ("-o", target)])
     assert result.exit_code == 0, result.output
