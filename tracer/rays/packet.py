@@ -28,12 +28,12 @@ from tracer.accel.layout import (
     UNIT,
 )
 from tracer.jit import inline, kernel
-from tracer.rays.packet_leaf import (
-    BEAM_BYTES,
+from tracer.rays.beam import (
     BEAM_CENTRE,
     BEAM_FIRST,
     BEAM_HALF,
     BEAM_LAST,
+    BEAM_MEMORY,
     BEAM_SCALE,
     BEAM_SIGN,
     BEAM_SURE_FIRST,
@@ -46,29 +46,34 @@ from tracer.rays.packet_leaf import (
     BEAM_Y_SPREAD,
     BEAM_Y_START,
     BEAM_Y_WIDTH,
-    cut_leaf,
-    meet_triangle,
+    BEGIN,
+    EXTREMES_X,
+    EXTREMES_Y,
+    FIRST_END,
+    LAST_BEGIN,
+    LAST_END,
+    LATE,
+    REACH,
+    chords,
+    deepest_end,
+    survey,
 )
+from tracer.rays.packet_leaf import cut_leaf, meet_triangle
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
     LANES,
     LIGHT,
     NIBBLE,
-    ORIGIN,
     ROW,
-    SHEAR,
     SKIP,
-    SPEED,
     STEP,
-    T_BEST,
     VECTOR,
     VECTORS,
     mask_of,
     put,
 )
 from tracer.simd import (
-    absolute,
     count_trailing_zeros,
     float32x8,
     load,
@@ -76,9 +81,6 @@ from tracer.simd import (
     maximum,
     minimum,
     multiply_add,
-    reduce_max,
-    reduce_min,
-    select,
     splat,
     stack_memory,
     stand_alone,
@@ -104,113 +106,11 @@ _END: Final = 0x7FFFFFFFFFFFFFFF
 _ROOT: Final = HEADER_BYTES // UNIT << 3
 _ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
 _THINNEST: Final = 2.0**-10  # depth over which the chords are drawn at least
-# what `_survey` leaves beside the beam, in frame units
-_BEGIN: Final = BEAM_BYTES  # depths: where the first ray begins, where the last
-_LAST_BEGIN: Final = _BEGIN + 8
-_END_DEPTH: Final = _BEGIN + 16  # where the last ray ends, where the first
-_FIRST_END: Final = _BEGIN + 24
-_REACH: Final = _BEGIN + 32  # greatest coordinate of an origin
-_LOW_X: Final = _BEGIN + 40  # least and greatest x at depth -half, then at half
-_LOW_Y: Final = _BEGIN + 72
-_BEAM_MEMORY: Final = _BEGIN + 104
-_WELL: Final = 2.0**-20  # depth by which a well-shaped triangle's t can be off
 
 
 @inline
 def _spread(value: float) -> Any:
     return splat(float32x8, _float32(value))
-
-
-@inline
-def _spread64(address: int) -> Any:
-    return splat(VECTOR, load(_float64, address))
-
-
-@inline
-def _survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: int) -> None:
-    """Bound the active rays: see the offsets `_LOW_X` and so on, from ``beam``."""
-    kx, ky, kz = axes
-    cx, cy, cz, scale, sign = frame
-    infinite = splat(VECTOR, _INF)
-    begin, last_begin, end, first_end = infinite, -infinite, -infinite, infinite
-    low_x, high_x, far_low_x, far_high_x = infinite, -infinite, infinite, -infinite
-    low_y, high_y, far_low_y, far_high_y = infinite, -infinite, infinite, -infinite
-    reach = splat(VECTOR, 0.0)
-    middle_x, middle_y, middle_z = splat(VECTOR, cx), splat(VECTOR, cy), splat(VECTOR, cz)
-    s, sense, nearest = splat(VECTOR, scale), splat(VECTOR, sign), splat(VECTOR, -half)
-    across = splat(VECTOR, 2.0 * half)
-    some = packet + 8 * count_trailing_zeros(active)  # what lanes that are not active count as
-    for i in range(VECTORS):
-        bits = (active >> (LANES * i)) & NIBBLE
-        if bits == 0:
-            continue
-        at = packet + STEP * i
-        x, y = load(VECTOR, at + ORIGIN + kx * ROW), load(VECTOR, at + ORIGIN + ky * ROW)
-        z = load(VECTOR, at + ORIGIN + kz * ROW)
-        slope_x, slope_y = load(VECTOR, at + SHEAR), load(VECTOR, at + SHEAR + ROW)
-        way = load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED)
-        if bits != NIBBLE:
-            mask = mask_of(active, i)
-            x = select(mask, x, _spread64(some + ORIGIN + kx * ROW))
-            y = select(mask, y, _spread64(some + ORIGIN + ky * ROW))
-            z = select(mask, z, _spread64(some + ORIGIN + kz * ROW))
-            slope_x = select(mask, slope_x, _spread64(some + SHEAR))
-            slope_y = select(mask, slope_y, _spread64(some + SHEAR + ROW))
-            way = select(mask, way, _spread64(some + T_BEST) * _spread64(some + SPEED))
-        x, y, z = (x - middle_x) * s, (y - middle_y) * s, (z - middle_z) * s
-        reach = maximum(reach, maximum(absolute(x), maximum(absolute(y), absolute(z))))
-        z = z * sense
-        begin, last_begin = minimum(begin, z), maximum(last_begin, z)
-        stop = z + way * s
-        end, first_end = maximum(end, stop), minimum(first_end, stop)
-        back = nearest - z
-        slope_x, slope_y = slope_x * sense, slope_y * sense
-        x, y = x + slope_x * back, y + slope_y * back
-        low_x, high_x, low_y, high_y = minimum(low_x, x), maximum(high_x, x), minimum(low_y, y), maximum(high_y, y)
-        x, y = x + slope_x * across, y + slope_y * across
-        far_low_x, far_high_x = minimum(far_low_x, x), maximum(far_high_x, x)
-        far_low_y, far_high_y = minimum(far_low_y, y), maximum(far_high_y, y)
-    store(beam + _BEGIN, reduce_min(begin))
-    store(beam + _LAST_BEGIN, reduce_max(last_begin))
-    store(beam + _END_DEPTH, reduce_max(end))
-    store(beam + _FIRST_END, reduce_min(first_end))
-    store(beam + _REACH, reduce_max(reach))
-    store(beam + _LOW_X, reduce_min(low_x))
-    store(beam + _LOW_X + 8, reduce_max(high_x))
-    store(beam + _LOW_X + 16, reduce_min(far_low_x))
-    store(beam + _LOW_X + 24, reduce_max(far_high_x))
-    store(beam + _LOW_Y, reduce_min(low_y))
-    store(beam + _LOW_Y + 8, reduce_max(high_y))
-    store(beam + _LOW_Y + 16, reduce_min(far_low_y))
-    store(beam + _LOW_Y + 24, reduce_max(far_high_y))
-
-
-@inline
-def _chords(extremes: int, half: float, slop: float) -> Any:
-    """Return (slope, start) of the lower and of the upper bounding line, padded for float64."""
-    low_0, high_0 = load(_float64, extremes), load(_float64, extremes + 8)
-    low_1, high_1 = load(_float64, extremes + 16), load(_float64, extremes + 24)
-    inverse = 0.5 / half
-    low_slope, high_slope = (low_1 - low_0) * inverse, (high_1 - high_0) * inverse
-    pad = slop + 2.0**-46 * (abs(low_0) + abs(low_1) + abs(high_0) + abs(high_1))
-    return low_slope, 0.5 * (low_0 + low_1) - pad, high_slope, 0.5 * (high_0 + high_1) + pad
-
-
-@inline
-def _deepest(packet: int, active: int, kz: int, frame: Any) -> float:
-    """Greatest depth at which an active ray can still find something, frame units."""
-    _cx, _cy, cz, scale, sign = frame
-    last = splat(VECTOR, -_INF)
-    middle, s = splat(VECTOR, cz), splat(VECTOR, scale * sign)
-    speed = splat(VECTOR, scale)
-    for i in range(VECTORS):
-        if (active >> (LANES * i)) & NIBBLE == 0:
-            continue
-        at = packet + STEP * i
-        end = (load(VECTOR, at + ORIGIN + kz * ROW) - middle) * s
-        end = end + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * speed
-        last = maximum(last, select(mask_of(active, i), end, last))
-    return float(reduce_max(last))
 
 
 @inline
@@ -281,17 +181,17 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     frame = (cx, cy, cz, scale, sign)
     axes = (kx, ky, kz)
     breadth = max(half, _THINNEST)
-    beam = stack_memory(_BEAM_MEMORY)
-    _survey(packet, active, axes, frame, breadth, beam)
+    beam = stack_memory(BEAM_MEMORY)
+    survey(packet, active, axes, frame, breadth, beam)
     # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
-    slop = 2.0**-46 * (1.0 + load(_float64, beam + _REACH) + centre)
-    first_depth = max(load(_float64, beam + _BEGIN), -half) - slop
-    last_depth = min(load(_float64, beam + _END_DEPTH) + _WELL, half) + slop
+    slop = 2.0**-46 * (1.0 + load(_float64, beam + REACH) + centre)
+    first_depth = max(load(_float64, beam + BEGIN), -half) - slop
+    last_depth = min(load(_float64, beam + LAST_END) + LATE, half) + slop
     if first_depth > last_depth:
         return _int64(0)
-    x_low, x_low_start, x_high, x_high_start = _chords(beam + _LOW_X, breadth, slop)
-    y_low, y_low_start, y_high, y_high_start = _chords(beam + _LOW_Y, breadth, slop)
+    x_low, x_low_start, x_high, x_high_start = chords(beam + EXTREMES_X, breadth, slop)
+    y_low, y_low_start, y_high, y_high_start = chords(beam + EXTREMES_Y, breadth, slop)
     store(beam + BEAM_CENTRE, cx)
     store(beam + BEAM_CENTRE + 8, cy)
     store(beam + BEAM_CENTRE + 16, cz)
@@ -301,8 +201,8 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     store(beam + BEAM_FIRST, first_depth - slop)
     store(beam + BEAM_LAST, last_depth + slop)
     # what lies between these is met by all or by none
-    store(beam + BEAM_SURE_FIRST, load(_float64, beam + _LAST_BEGIN) + slop)
-    store(beam + BEAM_SURE_LAST, load(_float64, beam + _FIRST_END) - _WELL - slop)
+    store(beam + BEAM_SURE_FIRST, load(_float64, beam + LAST_BEGIN) + slop)
+    store(beam + BEAM_SURE_LAST, load(_float64, beam + FIRST_END) - LATE - slop)
     store(beam + BEAM_X_SLOPE, 0.5 * (x_low + x_high))
     store(beam + BEAM_X_START, 0.5 * (x_low_start + x_high_start))
     store(beam + BEAM_X_SPREAD, 0.5 * (x_high - x_low))
@@ -392,7 +292,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 if active == 0:
                     return ended
                 if mode == CLOSEST:
-                    farthest_depth = min(farthest_depth, _deepest(packet, active, kz, frame) + slop + _WELL)
+                    farthest_depth = min(farthest_depth, deepest_end(packet, active, kz, frame) + slop + LATE)
                     farthest_depth += _ROUNDING * abs(farthest_depth)
                     farthest = _spread(farthest_depth)
                     store(beam + BEAM_LAST, farthest_depth)

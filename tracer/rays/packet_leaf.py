@@ -13,6 +13,24 @@ from typing import Any, Final
 
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
 from tracer.jit import inline, kernel
+from tracer.rays.beam import (
+    BEAM_CENTRE,
+    BEAM_FIRST,
+    BEAM_HALF,
+    BEAM_LAST,
+    BEAM_SCALE,
+    BEAM_SIGN,
+    BEAM_SURE_FIRST,
+    BEAM_SURE_LAST,
+    BEAM_X_SLOPE,
+    BEAM_X_SPREAD,
+    BEAM_X_START,
+    BEAM_X_WIDTH,
+    BEAM_Y_SLOPE,
+    BEAM_Y_SPREAD,
+    BEAM_Y_START,
+    BEAM_Y_WIDTH,
+)
 from tracer.rays.predicate import CERTAIN, TINY, intersect_triangle, weigh
 from tracer.rays.rows import (
     INTEGERS,
@@ -52,25 +70,6 @@ _float32: Final = types.float32
 _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
-
-# float64 offsets of what a beam is in the leaf's test; see `tracer.rays.packet`
-BEAM_CENTRE: Final = 0  # of the frame, in the order kx, ky, kz
-BEAM_SCALE: Final = 24
-BEAM_SIGN: Final = 32
-BEAM_HALF: Final = 40  # the lines hold for depths of at most this size
-BEAM_FIRST: Final = 48  # depths between which something can be found
-BEAM_LAST: Final = 56
-BEAM_SURE_FIRST: Final = 64  # depths between which all rays are on their way
-BEAM_SURE_LAST: Final = 72
-BEAM_X_SLOPE: Final = 80  # middle line x = slope depth + start, half width = spread depth + width
-BEAM_X_START: Final = 88
-BEAM_X_SPREAD: Final = 96
-BEAM_X_WIDTH: Final = 104
-BEAM_Y_SLOPE: Final = 112
-BEAM_Y_START: Final = 120
-BEAM_Y_SPREAD: Final = 128
-BEAM_Y_WIDTH: Final = 136
-BEAM_BYTES: Final = 144
 
 
 @inline

@@ -10,7 +10,7 @@ import pytest
 from tests.numerics.closed_meshes import by_brute_force
 from tests.tracer.rays.packets import brute_light, follow, tree_of
 from tracer.jit import int64, kernel
-from tracer.rays.packet_leaf import (
+from tracer.rays.beam import (
     BEAM_BYTES,
     BEAM_CENTRE,
     BEAM_FIRST,
@@ -28,8 +28,8 @@ from tracer.rays.packet_leaf import (
     BEAM_Y_SPREAD,
     BEAM_Y_START,
     BEAM_Y_WIDTH,
-    cut_leaf,
 )
+from tracer.rays.packet_leaf import cut_leaf
 from tracer.simd import address_of
 
 
