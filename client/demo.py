@@ -3,14 +3,13 @@
 Invariant: whatever happens (Ctrl-C, a failed job, a service that does not start), nothing is left running.
 """
 
+import contextlib
 import time
 from pathlib import Path
 
-from client.api import Client, require_success
 from client.assets import prepare_scene, read_scene
 from client.formats import format_bytes, format_duration
 from client.launch import service
-from client.progress import show_progress
 from client.report import print_report
 from client.terminal import Terminal
 
@@ -41,7 +40,14 @@ def run_demo(scene: Path, output: Path, *, workers: int | None, terminal: Termin
     def tell_slow() -> None:
         terminal.note("it compiles its kernels first; this is needed once and takes about a minute")
 
-    with service(workers=workers, slow=tell_slow) as running, Client(running.url) as client:
+    def load_client() -> None:
+        import client.api  # noqa: F401 - half a second, while the service's first process leaves cores idle
+
+    with service(workers=workers, slow=tell_slow, meanwhile=load_client) as running, contextlib.ExitStack() as stack:
+        from client.api import Client, require_success
+        from client.progress import show_progress
+
+        client = stack.enter_context(Client(running.url))
         terminal.note(f"the service is up at {running.url} after {format_duration(running.start_s)}")
         posted = time.monotonic()
         job = client.submit(prepared, name=prepared.document.get("name"))

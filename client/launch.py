@@ -63,6 +63,7 @@ def service(
     port: int = 0,
     environment: dict[str, str] | None = None,
     slow: Callable[[], None] | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> Iterator[RunningService]:
     """Run a service with an embedded Valkey on loopback while the block runs.
 
@@ -78,6 +79,8 @@ def service(
         Further variables.
     slow : callable, optional
         Called once when the start takes longer than one with compiled kernels.
+    meanwhile : callable, optional
+        Called while it starts: for what can be done before it is up.
 
     Raises
     ------
@@ -111,6 +114,8 @@ def service(
                 preexec_fn=_end_with_parent,  # noqa: PLW1509 - no threads run yet that could hold a lock
             )
         try:
+            if meanwhile is not None:
+                meanwhile()
             url = _wait_until_ready(process, ready, log, slow)
             yield RunningService(url=url, pid=process.pid, folder=home, start_s=time.monotonic() - started)
         finally:

@@ -40,8 +40,10 @@ def test_what_it_is_given_and_what_it_leaves(tmp_path: Path) -> None:
         os.kill(running.pid, 0)
     assert (tmp_path / "store" / "jobs").is_dir()
     assert slow == []
-    with service(workers=0, environment=FAKE) as own:
+    begun: list[None] = []
+    with service(workers=0, environment=FAKE, meanwhile=lambda: begun.append(None)) as own:
         assert own.folder.is_dir()
+        assert begun == [None]
     assert not own.folder.exists()
 
 
