@@ -150,7 +150,7 @@ def try_mutant(mutant: Mutant, folder: Path) -> str:
     ValueError
         The sources no longer hold what the mutant changes.
     """
-    for name in ("tracer", "benchmarks", "tests/numerics"):
+    for name in ("tracer", "benchmarks", "tests"):
         shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
     path = folder / "tracer" / mutant.file
     text = path.read_text()
