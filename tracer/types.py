@@ -29,8 +29,10 @@ COUNTERS: Final[tuple[str, ...]] = (
     "transmission_rays",  # rays traced along eq. 18
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
+    "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a wave are lit, or all are dark
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
+    "samples_skipped_plain",  # shaded at once, not through packets: one beam showed what they all see
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
 )
 

@@ -70,6 +70,7 @@ from tracer.rays.rows import (
     STEP,
     VECTOR,
     VECTORS,
+    WEIGHT_1,
     mask_of,
     put,
 )
@@ -97,6 +98,9 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1  # which rays meet anything
 SHADE: Final = 2  # light is multiplied by what each surface lets through
+SOLE: Final = 3  # is there but one triangle in the beam, and passes all of the beam within its edges?
+NONE: Final = -1  # answers of SOLE: no triangle
+SEVERAL: Final = -2  # more than one, or one at the edge
 
 _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
@@ -155,7 +159,9 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
         Set of rays, not empty.
     mode
         CLOSEST: T_BEST, PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is
-        multiplied by kt of every triangle that is met within the ray's end.
+        multiplied by kt of every triangle that is met within the ray's end. SOLE: what holds for any ray between the
+        packet's, not for these alone; for a triangle WEIGHT_1 holds (int64) its address in its leaf, the bytes of a row
+        of that leaf, and the triangle's word there.
     kt, face_material, stride
         For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
         material.
@@ -163,11 +169,12 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     Returns
     -------
     int64
-        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST.
+        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE a triangle's id,
+        `NONE` or `SEVERAL`.
     """
     stand_alone()
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
-        return _int64(0)
+        return _int64(NONE if mode == SOLE else 0)
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
     kz = axis >> 1
     kx = kz - 2 if kz == 2 else kz + 1
@@ -189,7 +196,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     first_depth = max(load(_float64, beam + BEGIN), -half) - slop
     last_depth = min(load(_float64, beam + LAST_END) + LATE, half) + slop
     if first_depth > last_depth:
-        return _int64(0)
+        return _int64(NONE if mode == SOLE else 0)
     x_low, x_low_start, x_high, x_high_start = chords(beam + EXTREMES_X, breadth, slop)
     y_low, y_low_start, y_high, y_high_start = chords(beam + EXTREMES_Y, breadth, slop)
     store(beam + BEAM_CENTRE, cx)
@@ -234,7 +241,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     found = stack_memory(_FOUND_BYTES)
-    ended = _int64(0)
+    ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
     top = stack
     word = _int64(_ROOT)
@@ -267,13 +274,22 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             n = (word & 7) + 1
             row = n * size
             ids = leaf + 9 * row
-            candidates, covers = cut_leaf(leaf, n, size, axes, beam)
+            candidates, inside, on_the_way = cut_leaf(leaf, n, size, axes, beam)
+            covers = inside & on_the_way
             changed = _int64(0)
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
                 candidates &= candidates - 1
                 face = _int64(load(_int32, ids + 4 * k))
                 if alike and face >> ORDER_BITS == skip:  # all of them start on it
+                    continue
+                if mode == SOLE:
+                    if ended != NONE or (inside >> k) & 1 == 0:
+                        return _int64(SEVERAL)
+                    ended = face >> ORDER_BITS
+                    store(packet + WEIGHT_1, leaf + k * size)
+                    store(packet + WEIGHT_1 + 8, row)
+                    store(packet + WEIGHT_1 + 16, face)
                     continue
                 if mode != CLOSEST and alike and (covers >> k) & 1:
                     met = active

@@ -93,7 +93,7 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all meet."""
+    """Bits of the four triangles at ``place``: some ray may meet it; all lines pass within its edges; on their way."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
     ax, ay, aw, ah, az = _from_beam(
@@ -138,8 +138,8 @@ def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, bea
     out = (out | (negative & positive)) & known
     out = out | (farthest < _spread(beam + BEAM_FIRST)) | (nearest > _spread(beam + BEAM_LAST))
     inside = ((u > u_off) & (v > v_off) & (s > s_off)) | ((u < -u_off) & (v < -v_off) & (s < -s_off))
-    inside = inside & known & (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
-    return mask_to_bits(~out), mask_to_bits(inside)
+    on_the_way = (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
+    return mask_to_bits(~out), mask_to_bits(inside & known), mask_to_bits(on_the_way)
 
 
 @inline
@@ -149,20 +149,22 @@ def cut_leaf(leaf: int, n: int, size: int, axes: Any, beam: int) -> Any:
     Returns
     -------
     tuple of int64
-        Bits of those that some ray may meet, and of those that all rays meet on their way for certain.
+        Bits of those that some ray may meet, of those between whose edges all rays' lines pass for certain, and of
+        those all of which lies beyond every ray's origin and before every ray's end.
     """
     kx, ky, kz = axes
     row = n * size
-    bits, inside = _int64(0), _int64(0)
+    bits, inside, on_the_way = _int64(0), _int64(0), _int64(0)
     for first in range(0, n, LANES):
         place = leaf + first * size
         if size == 8:
-            some, every = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
+            some, every, between = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
         else:
-            some, every = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
+            some, every, between = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
         bits |= some << first
         inside |= every << first
-    return bits & ((_int64(1) << n) - 1), inside
+        on_the_way |= between << first
+    return bits & ((_int64(1) << n) - 1), inside, on_the_way
 
 
 @kernel

@@ -98,7 +98,7 @@ def _lanes_of(packet: int, lanes: int, primitive: int) -> Any:
 
 
 @inline
-def _blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
+def blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
     """Weighted sum of three corners' values, spread over the lanes."""
     return Vec3(
         b0 * splat(VECTOR, a.x) + b1 * splat(VECTOR, b.x) + b2 * splat(VECTOR, c.x),
@@ -152,6 +152,31 @@ def _put_material(view: SceneView, ambient: Any, at_lanes: int, mask: Any, mater
     put(at_lanes + COLOR + 2 * ROW, mask, ka.z * tint.z + ke.z)
 
 
+@inline
+def face_normals(flags: int, e1: Vec3, e2: Vec3, n0: Vec3, n1: Vec3, n2: Vec3) -> Any:
+    """Return (whether the vertices' normals differ, geometric normal, shading normal where they do not).
+
+    Parameters
+    ----------
+    flags
+        FACE_*.
+    e1, e2
+        Edges from the first vertex.
+    n0, n1, n2
+        The vertices' normals.
+    """
+    normal = normalize(cross(e1, e2))
+    # flat faces with vertex normals all the same: walls, boxes
+    uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
+    smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
+    facing = normal
+    if flags & FACE_HAS_NORMALS and uniform:
+        facing = normalize(n0)
+        if dot(normal, facing) < 0.0:
+            normal = negate(normal)
+    return smooth, normal, facing
+
+
 @kernel
 def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face: int) -> Any:
     """Fill in the rays that have met a triangle; returns those that came from behind."""
@@ -173,7 +198,6 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
         _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach,
     )
     errors = spread(error)
-    normal = normalize(cross(e1, e2))
     flags = int64(view.face_flags[face])
     material = int64(view.face_material[face])
     two_sided = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
@@ -181,16 +205,8 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     wrap = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_WRAP])
     filtering = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_FILTER])
     n0, n1, n2 = at(view.vertex_normals, 3 * i0), at(view.vertex_normals, 3 * i1), at(view.vertex_normals, 3 * i2)
+    smooth, normal, facing = face_normals(flags, e1, e2, n0, n1, n2)
     c0, c1, c2 = at(view.vertex_colors, 3 * i0), at(view.vertex_colors, 3 * i1), at(view.vertex_colors, 3 * i2)
-    # Flat faces with vertex normals all the same: walls, boxes.
-    uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
-    smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
-    if flags & FACE_HAS_NORMALS and uniform:
-        facing = normalize(n0)
-        if dot(normal, facing) < 0.0:
-            normal = negate(normal)
-    else:
-        facing = normal
     flat, away, level = spread(normal), spread(negate(normal)), spread(facing)
     scratch = stack_memory(_TEXEL_BYTES)
     one = splat(VECTOR, 1.0)
@@ -204,12 +220,12 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
         ray = packet + STEP * i
         b1, b2 = load(VECTOR, ray + WEIGHT_1), load(VECTOR, ray + WEIGHT_2)
         b0 = (one - b1) - b2
-        put_vector(ray + POSITION, mask, _blend(p0, p1, p2, b0, b1, b2))
+        put_vector(ray + POSITION, mask, blend(p0, p1, p2, b0, b1, b2))
         put_vector(ray + ERROR, mask, errors)
         shading = level
         geometric = flat
         if smooth:  # as given, then unit
-            shading = _make_unit(_blend(n0, n1, n2, b0, b1, b2), normal, scratch)
+            shading = _make_unit(blend(n0, n1, n2, b0, b1, b2), normal, scratch)
             geometric = choose(dot(flat, shading) < zero, away, flat)
         behind = dot(geometric, vector_at(ray + DIRECTION)) > zero
         behind_lanes |= (mask_to_bits(behind) & bits) << (LANES * i)
@@ -218,7 +234,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
         put_vector(ray + NORMAL, mask, turned)
         tint = Vec3(one, one, one)
         if flags & FACE_HAS_COLORS:
-            tint = _blend(c0, c1, c2, b0, b1, b2)
+            tint = blend(c0, c1, c2, b0, b1, b2)
         if texture >= 0:
             u, v = zero, zero
             if flags & FACE_HAS_UVS:

@@ -352,6 +352,16 @@ def shift_right_logical(_typing: Any, value: Any, count: Any) -> Any:
 
 
 @intrinsic
+def reverse_bits(_typing: Any, value: Any) -> Any:
+    """Bits of every integer lane in reverse order."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return call_intrinsic(builder, f"llvm.bitreverse.{suffix(value)}", llvm_type(value), list(args))
+
+    return value(value), generate
+
+
+@intrinsic
 def full_like(_typing: Any, value: Any, number: Any) -> Any:
     """``full_like(v, 1.5)``: a literal number in every lane, of v's own type; how generic code writes a constant."""
     del number
