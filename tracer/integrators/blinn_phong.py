@@ -25,7 +25,7 @@ from tracer.integrators.bounces import make_bounces, take_bounces
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.bundle import trace_bundle
-from tracer.rays.packet import CLOSEST, SHADE
+from tracer.rays.packet import CLOSEST, FROM_POINT, SHADE, TO_POINT
 from tracer.rays.rows import (
     ALL,
     INTEGERS,
@@ -52,13 +52,16 @@ from tracer.shading.surfaces import fill_surfaces
 from tracer.simd import count_trailing_zeros, load, mask_to_bits, population_count, splat, store
 from tracer.simd.gateway import types
 from tracer.types import (
+    CAMERA_VIEW_PLANE,
     COUNTERS,
     LIGHT_AMBIENT,
+    LIGHT_KIND_DIRECTIONAL,
     MATERIAL_A,
     MATERIAL_B,
     MATERIAL_C,
     N_LIGHT,
     N_MATERIAL,
+    SETTING_CAMERA,
     SETTING_SHADOWS,
     SceneView,
     Vec3,
@@ -116,10 +119,10 @@ def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) 
 
 
 @inline
-def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
+def _find_hits(view: SceneView, scratch: Scratch, lanes: int, mode: int) -> Any:
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
-    trace_bundle(scratch.tree, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_bundle(scratch.tree, hits, lanes, mode, int64(0), int64(0), int64(0))
     if view.n_shapes + view.n_planes > 0:
         _meet_shapes(view, scratch, lanes)
     met = _int64(0)
@@ -137,11 +140,12 @@ def _light_hits(view: SceneView, scratch: Scratch, lanes: int) -> None:
         lit = face_light(view, light, scratch.hits, scratch.shadows, lanes, scratch.counters)
         if view.settings[SETTING_SHADOWS] != 0 and lit != 0:
             scratch.counters[_SHADOW_RAYS] += population_count(lit)
+            to_point = view.light_kind[light] != LIGHT_KIND_DIRECTIONAL
             lit &= ~trace_bundle(
                 scratch.tree,
                 scratch.shadows,
                 lit,
-                int64(SHADE),
+                int64(SHADE + TO_POINT) if to_point else int64(SHADE),
                 scratch.kt,
                 scratch.face_material,
                 int64(8 * N_MATERIAL),
@@ -213,7 +217,8 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int,
     start
         For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``. For bounces -1.
     """
-    met = _find_hits(view, scratch, lanes)
+    from_eye = start >= 0 and view.settings[SETTING_CAMERA] == CAMERA_VIEW_PLANE
+    met = _find_hits(view, scratch, lanes, int64(CLOSEST + FROM_POINT) if from_eye else int64(CLOSEST))
     if start < 0:
         _attenuate_throughput(view, scratch, lanes)
     missed = lanes & ~met

@@ -24,7 +24,7 @@ from tracer.geometry.vector import add, at, dot, is_black, multiply, negate, sub
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays, view_directions
-from tracer.rays.packet import CLOSEST, NONE, SOLE, trace_packet
+from tracer.rays.packet import CLOSEST, FROM_POINT, NONE, SOLE, trace_packet
 from tracer.rays.packet_leaf import stack_of_nine
 from tracer.rays.predicate import weigh
 from tracer.rays.rows import (
@@ -226,7 +226,7 @@ def look_at_corners(
     if not _goes_one_way(hits):
         return _none()
     corners = _int64(NIBBLE)
-    face = trace_packet(scratch.tree, hits, corners, int64(SOLE), int64(0), int64(0), int64(0))
+    face = trace_packet(scratch.tree, hits, corners, int64(SOLE + FROM_POINT), int64(0), int64(0), int64(0))
     if face < 0 or not _is_plain(view, face):
         return _none()
     place, row, word = (

@@ -57,8 +57,9 @@ from tracer.rays.beam import (
     chords,
     deepest_end,
     survey,
+    survey_pencil,
 )
-from tracer.rays.packet_leaf import cut_leaf, meet_triangle
+from tracer.rays.packet_leaf import cut_leaf, meet_triangle, meet_within
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -99,9 +100,14 @@ CLOSEST: Final = 0
 ANY: Final = 1  # which rays meet anything
 SHADE: Final = 2  # light is multiplied by what each surface lets through
 SOLE: Final = 3  # is there but one triangle in the beam, and passes all of the beam within its edges?
+# Added to a mode: what is known of the rays.
+FROM_POINT: Final = 16  # one origin, and no end
+TO_POINT: Final = 32  # what they end in is one point
 NONE: Final = -1  # answers of SOLE: no triangle
 SEVERAL: Final = -2  # more than one, or one at the edge
 
+_MODES: Final = 15
+_TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
@@ -158,10 +164,11 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     active
         Set of rays, not empty.
     mode
-        CLOSEST: T_BEST, PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is
-        multiplied by kt of every triangle that is met within the ray's end. SOLE: what holds for any ray between the
-        packet's, not for these alone; for a triangle WEIGHT_1 holds (int64) its address in its leaf, the bytes of a row
-        of that leaf, and the triangle's word there.
+        One of the following, plus FROM_POINT or TO_POINT where it is true of all active rays. CLOSEST: T_BEST,
+        PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is multiplied by kt of
+        every triangle that is met within the ray's end. SOLE: what holds for any ray between the packet's, not for
+        these alone; for a triangle WEIGHT_1 holds (int64) its address in its leaf, the bytes of a row of that leaf, and
+        the triangle's word there.
     kt, face_material, stride
         For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
         material.
@@ -174,7 +181,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     """
     stand_alone()
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
-        return _int64(NONE if mode == SOLE else 0)
+        return _int64(NONE if mode & _MODES == SOLE else 0)
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
     kz = axis >> 1
     kx = kz - 2 if kz == 2 else kz + 1
@@ -189,7 +196,16 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     axes = (kx, ky, kz)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_MEMORY)
-    survey(packet, active, axes, frame, breadth, beam)
+    one_origin = mode & FROM_POINT != 0
+    surveyed = False
+    if one_origin:
+        surveyed = survey_pencil(packet, active, axes, frame, breadth, beam, False)
+    elif mode & TO_POINT:
+        surveyed = survey_pencil(packet, active, axes, frame, breadth, beam, True)
+    if not surveyed:
+        survey(packet, active, axes, frame, breadth, beam)
+    mode &= _MODES
+    believed = _int64(-1 if scale < _TINIEST else 0)  # where weights may underflow, no triangle is met for certain
     # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
     slop = 2.0**-46 * (1.0 + load(_float64, beam + REACH) + centre)
@@ -275,6 +291,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             row = n * size
             ids = leaf + 9 * row
             candidates, inside, on_the_way = cut_leaf(leaf, n, size, axes, beam)
+            inside &= believed
             covers = inside & on_the_way
             changed = _int64(0)
             while candidates != 0:
@@ -293,8 +310,12 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     continue
                 if mode != CLOSEST and alike and (covers >> k) & 1:
                     met = active
+                elif mode == CLOSEST and alike and (inside >> k) & 1:
+                    met = meet_within(leaf + k * size, size, row, face, packet, active, axes, one_origin)
                 else:
-                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, alike, found)
+                    met = meet_triangle(
+                        leaf + k * size, size, row, face, packet, active, axes, closest, alike, one_origin, found
+                    )
                 changed |= met
                 if mode == ANY:
                     ended |= met
