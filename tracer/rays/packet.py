@@ -59,7 +59,7 @@ from tracer.rays.beam import (
     survey,
     survey_pencil,
 )
-from tracer.rays.packet_leaf import cut_leaf, meet_triangle, meet_within
+from tracer.rays.packet_leaf import coordinate, cut_leaf, meet_triangle, meet_within
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -148,6 +148,16 @@ def _push_many(hits: int, near: int, children: int, top: int) -> int:
         store(slot, entry)
         top += 8
     return top
+
+
+@inline
+def _coincide(place: int, row: int, packet: int, size: int) -> bool:
+    """Tell whether a triangle has the vertices of the one that SOLE has found: then the lower id counts."""
+    other, other_row = load(_int64, packet + WEIGHT_1), load(_int64, packet + WEIGHT_1 + 8)
+    same = True
+    for k in range(9):
+        same = same and coordinate(place + k * row, size) == coordinate(other + k * other_row, size)
+    return same
 
 
 @kernel
@@ -301,12 +311,14 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 if alike and face >> ORDER_BITS == skip:  # all of them start on it
                     continue
                 if mode == SOLE:
-                    if ended != NONE or (inside >> k) & 1 == 0:
+                    place = leaf + k * size
+                    if (inside >> k) & 1 == 0 or (ended != NONE and not _coincide(place, row, packet, size)):
                         return _int64(SEVERAL)
-                    ended = face >> ORDER_BITS
-                    store(packet + WEIGHT_1, leaf + k * size)
-                    store(packet + WEIGHT_1 + 8, row)
-                    store(packet + WEIGHT_1 + 16, face)
+                    if ended == NONE or face >> ORDER_BITS < ended:
+                        ended = face >> ORDER_BITS
+                        store(packet + WEIGHT_1, place)
+                        store(packet + WEIGHT_1 + 8, row)
+                        store(packet + WEIGHT_1 + 16, face)
                     continue
                 if mode != CLOSEST and alike and (covers >> k) & 1:
                     met = active

@@ -330,6 +330,25 @@ def meet_within(
     return met_lanes
 
 
+@kernel
+def meet_known(packet: int, active: int, place: int, size: int, row: int, word: int, axis: int) -> None:
+    """Intersect rays from one point with a triangle that all of them meet for certain, first of all triangles.
+
+    Parameters
+    ----------
+    packet, active
+        The rays; T_BEST, PRIMITIVE and the weights are written.
+    place, size, row, word
+        The triangle, as for `meet_triangle`.
+    axis
+        AXIS of the rays.
+    """
+    stand_alone()
+    kz = axis >> 1
+    axes = (kz - 2 if kz == 2 else kz + 1, kz - 1 if kz > 0 else _int64(2), kz)
+    meet_within(place, size, row, word, packet, active, axes, True)
+
+
 @inline
 def meet_triangle(
     place: int,

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from tracer.accel.view import view_scene
 from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
-from tracer.integrators.plain import Plain, look_at_corners, shade_plain
+from tracer.integrators.corners import Seen, look_at_corners
+from tracer.integrators.plain import shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -174,12 +175,14 @@ def _place_samples(
 
 
 @kernel
-def _trace_camera_rays(view: SceneView, ambient: Vec3, scratch: Scratch, places: int, n: int, start: int) -> None:
+def _trace_camera_rays(
+    view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, places: int, n: int, start: int
+) -> None:
     """Trace up to 64 camera rays.
 
     Parameters
     ----------
-    view, ambient, scratch
+    view, ambient, scratch, seen
         As `trace_radiance`.
     places
         Where they pass through the picture (`_place_samples`).
@@ -215,11 +218,11 @@ def _trace_camera_rays(view: SceneView, ambient: Vec3, scratch: Scratch, places:
         store(at_lanes + SAMPLE, number + splat(INTEGERS, _int64(4) * k))
         store(at_lanes + DEPTH, none + splat(INTEGERS, _int64(1)))
         store(at_lanes + FROM, none)
-    trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
+    trace_radiance(view, ambient, scratch, seen, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
 
 
 @inline
-def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int) -> Plain:
+def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int) -> Seen:
     """Look at the corners of a wave's pixels."""
     x0, y0 = pixels[0], pixels[1]
     x1, y1 = x0, y0
@@ -253,7 +256,7 @@ def _render_wave(
         store(scratch.radiance + 8 * k, 0.0)
         store(scratch.radiance + 8 * (WAVE + k), 0.0)
         store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
-    plain = _see_wave(view, ambient, scratch, pixels, n_pixels)
+    seen = _see_wave(view, ambient, scratch, pixels, n_pixels)
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there
     together = max(1, PACKET // per_pixel)  # pixels of a packet
@@ -262,10 +265,10 @@ def _render_wave(
             rays = min(PACKET, per_pixel - skipped) if together == 1 else min(together, n_pixels - pixel) * per_pixel
             _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
             start = pixel * per_pixel + skipped
-            if plain.face >= 0:
-                shade_plain(view, ambient, scratch, plain, places, rays, start)
+            if seen.plain:
+                shade_plain(view, ambient, scratch, seen, places, rays, start)
             else:
-                _trace_camera_rays(view, ambient, scratch, places, rays, start)
+                _trace_camera_rays(view, ambient, scratch, seen, places, rays, start)
     trace_bounces(view, ambient, scratch)
     for pixel in range(n_pixels):
         for channel in range(3):
