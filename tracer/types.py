@@ -206,6 +206,8 @@ class CompiledScene(NamedTuple):
 class SceneView(NamedTuple):
     """The compiled scene inside a kernel: flat pointers (see :func:`tracer.jit.pointer`) and the lengths.
 
+    Compiled, it is one address (:mod:`tracer.accel.view`).
+
     Fields are named as in :class:`CompiledScene`; element ``[row, column]`` is ``field[n_columns * row + column]``.
     """
 

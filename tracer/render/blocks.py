@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.accel.view import view_scene
+from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
 from tracer.integrators.corners import Seen, look_at_corners
 from tracer.integrators.plain import shade_plain
@@ -289,7 +289,7 @@ def _render(
     words: NDArray[np.int64],
 ) -> bool:
     """Do what `render_blocks` does in memory that its caller keeps alive: numba frees an array after its last use."""
-    view = view_scene(scene)
+    view = view_scene(scene, stack_memory(VIEW_BYTES))
     settings = view.settings
     hits = (address_of(memory) + 63) & ~63
     shadows = hits + HIT_ROWS * ROW

@@ -81,7 +81,7 @@ from tracer.types import (
 _int64: Final = types.int64
 _SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
 _SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
-_FAINTEST: Final = 64.0 * math.log(2.0)
+_FAINTEST: Final = 40.0 * math.log(2.0)
 _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 
@@ -157,7 +157,7 @@ def reflect_light(kd: Any, ks: Any, cosine: Any, exponent: Any, normal: Any, to_
         squared = dot(half, half)  # 0 when l = -v
         n_dot_h = dot(normal, half)
         n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
-        # x^s <= exp(-s (1 - x)): what is certainly below 2^-64 counts as nothing
+        # x^s <= exp(-s (1 - x)): what is certainly below 2^-40 (1e-12 of the light) counts as nothing
         seen = exponent * (splat(VECTOR, 1.0) - n_dot_h) < splat(VECTOR, _FAINTEST)
         if any_lane(seen):
             highlight = power(maximum(n_dot_h, zero), exponent)

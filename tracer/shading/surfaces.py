@@ -46,7 +46,7 @@ from tracer.shading.rows import (
     vector_at,
 )
 from tracer.shading.surface import make_surface
-from tracer.shading.texture import sample_texture
+from tracer.shading.texture import SAMPLE_BYTES, sample_lanes
 from tracer.simd import (
     all_lanes,
     count_trailing_zeros,
@@ -82,7 +82,6 @@ from tracer.types import (
 _int64: Final = types.int64
 _float64: Final = types.float64
 _GAMMA_8: Final = gamma(8)
-_TEXEL_BYTES: Final = 3 * STEP
 
 
 @inline
@@ -208,7 +207,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     smooth, normal, facing = face_normals(flags, e1, e2, n0, n1, n2)
     c0, c1, c2 = at(view.vertex_colors, 3 * i0), at(view.vertex_colors, 3 * i1), at(view.vertex_colors, 3 * i2)
     flat, away, level = spread(normal), spread(negate(normal)), spread(facing)
-    scratch = stack_memory(_TEXEL_BYTES)
+    scratch = stack_memory(SAMPLE_BYTES)
     one = splat(VECTOR, 1.0)
     zero = splat(VECTOR, 0.0)
     behind_lanes = _int64(0)
@@ -245,25 +244,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
                     + b1 * splat(VECTOR, uvs[2 * i1 + 1])
                     + b2 * splat(VECTOR, uvs[2 * i2 + 1])
                 )
-            store(scratch, u)
-            store(scratch + STEP, v)
-            while bits != 0:
-                lane = 8 * count_trailing_zeros(bits)
-                bits &= bits - 1
-                texel = sample_texture(
-                    view.textures,
-                    view.texels,
-                    texture,
-                    wrap,
-                    filtering,
-                    load(_float64, scratch + lane),
-                    load(_float64, scratch + STEP + lane),
-                )
-                store(scratch + lane, texel.x)
-                store(scratch + STEP + lane, texel.y)
-                store(scratch + 2 * STEP + lane, texel.z)
-            texels = Vec3(load(VECTOR, scratch), load(VECTOR, scratch + STEP), load(VECTOR, scratch + 2 * STEP))
-            tint = multiply(tint, texels)
+            tint = multiply(tint, sample_lanes(view, texture, wrap, filtering, u, v, bits, scratch))
         _put_material(view, ambient, ray, mask, material, tint)
         put_integers(ray + START, mask, splat(INTEGERS, face))
     return behind_lanes
