@@ -257,5 +257,5 @@ def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
         if n == 0:
             return
         trace_radiance(
-            view, ambient, scratch, nothing_seen(), int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1)
+            view, ambient, scratch, nothing_seen(False), int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1)
         )

@@ -89,14 +89,15 @@ class Seen(NamedTuple):
     dark: int  # lights of which every shadow ray meets something opaque
     black: int  # lights that add nothing to this face
     away: int  # lights behind it
+    divided: bool  # parts of the rectangle may see one face each
     plain: bool  # one normal and colour all over, nothing is mirrored or let through, and each light is in a set
 
 
 @inline
-def nothing_seen() -> Seen:
+def nothing_seen(divided: bool) -> Seen:
     """Return what is said of a wave of which nothing is known."""
     zero = _int64(0)
-    return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, False)
+    return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, divided, False)
 
 
 @inline
@@ -116,6 +117,15 @@ def _goes_one_way(packet: int) -> bool:
     slope = maximum(absolute(load(VECTOR, packet + SHEAR)), absolute(load(VECTOR, packet + SHEAR + ROW)))
     same = all_lanes(axis == splat(INTEGERS, load(_int64, packet + AXIS)))
     return bool(same and all_lanes(slope < splat(VECTOR, _WITHIN)))
+
+
+@inline
+def _some_agree(hits: int) -> bool:
+    """Tell whether two neighbours of the four corners have met the same face."""
+    p = hits + PRIMITIVE
+    a, b, c, d = load(_int64, p), load(_int64, p + 8), load(_int64, p + 16), load(_int64, p + 24)
+    agree = ((a == b) | (a == c)) & (a >= 0)
+    return bool(agree | (((d == b) | (d == c)) & (d >= 0)))
 
 
 @inline
@@ -227,7 +237,7 @@ def look_at_corners(
         or view.n_lights > _MOST_LIGHTS
         or not 1e-100 < view.camera[CAMERA_DISTANCE] < 1e100
     ):
-        return nothing_seen()
+        return nothing_seen(False)
     x, y = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free so far
     for corner in range(4):
         store(x + 8 * corner, _float64(x0 if corner % 2 == 0 else x1))
@@ -240,16 +250,16 @@ def look_at_corners(
     store(hits + PRIMITIVE, splat(INTEGERS, _int64(-1)))
     store(hits + SKIP, splat(INTEGERS, _int64(-1)))
     if not _goes_one_way(hits):
-        return nothing_seen()
+        return nothing_seen(False)
     corners = _int64(NIBBLE)
     trace_packet(scratch.tree, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0))
     face = load(_int64, hits + PRIMITIVE)
     if face < 0 or not all_lanes(load(INTEGERS, hits + PRIMITIVE) == splat(INTEGERS, face)):
-        return nothing_seen()
+        return nothing_seen(_some_agree(hits))
     fill_surfaces(view, ambient, hits, corners)
     # the rays end now at their hits: what is behind these does not count
     if trace_packet(scratch.tree, hits, corners, int64(SOLE), int64(0), int64(0), int64(0)) != face:
-        return nothing_seen()
+        return nothing_seen(True)
     place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
     word = load(_int64, hits + WEIGHT_1 + 16)
     size = _int64(8 if load(_int64, scratch.tree + 8 * HEADER_WIDE_LEAVES) else 4)
@@ -270,5 +280,7 @@ def look_at_corners(
                 lit |= _int64(1) << light
             elif judgement < 0:
                 dark |= _int64(1) << light
-    plain = flat and _is_plain(view, face) and lit | dark | black | away == (_int64(1) << view.n_lights) - 1
-    return Seen(face, place, row, size, word, load(_int64, hits + AXIS), lit, dark, black, away, plain)
+    simple = flat and _is_plain(view, face)
+    plain = simple and lit | dark | black | away == (_int64(1) << view.n_lights) - 1
+    axis = load(_int64, hits + AXIS)
+    return Seen(face, place, row, size, word, axis, lit, dark, black, away, simple and not plain, plain)

@@ -221,12 +221,12 @@ def _trace_camera_rays(
     trace_radiance(view, ambient, scratch, seen, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
 
 
-@inline
-def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int) -> Seen:
-    """Look at the corners of a wave's pixels."""
-    x0, y0 = pixels[0], pixels[1]
+@kernel
+def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, first: int, n: int) -> Seen:
+    """Look at the corners of some of a wave's pixels."""
+    x0, y0 = pixels[3 * first], pixels[3 * first + 1]
     x1, y1 = x0, y0
-    for pixel in range(1, n_pixels):
+    for pixel in range(first + 1, first + n):
         x0, x1 = min(x0, pixels[3 * pixel]), max(x1, pixels[3 * pixel])
         y0, y1 = min(y0, pixels[3 * pixel + 1]), max(y1, pixels[3 * pixel + 1])
     return look_at_corners(view, ambient, scratch, float(x0), float(y0), float(x1 + 1), float(y1 + 1))
@@ -256,11 +256,16 @@ def _render_wave(
         store(scratch.radiance + 8 * k, 0.0)
         store(scratch.radiance + 8 * (WAVE + k), 0.0)
         store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
-    seen = _see_wave(view, ambient, scratch, pixels, n_pixels)
+    seen = whole = _see_wave(view, ambient, scratch, pixels, 0, n_pixels)
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there
     together = max(1, PACKET // per_pixel)  # pixels of a packet
+    part = max(together, _SQUARE)
     for pixel in range(0, n_pixels, together):
+        if whole.divided and pixel % part == 0:
+            seen = _see_wave(view, ambient, scratch, pixels, pixel, min(part, n_pixels - pixel))
+            if seen.face < 0:
+                seen = whole
         for skipped in range(0, per_pixel, PACKET):
             rays = min(PACKET, per_pixel - skipped) if together == 1 else min(together, n_pixels - pixel) * per_pixel
             _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
