@@ -121,9 +121,9 @@ MUTANTS = [
     Mutant(
         "rests-dropped",
         "N23",
-        "render/blocks.py",
-        "sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)",
-        "sums[i + 6] = lost",
+        "integrators/sums.py",
+        "return new, lost + ((total - (new - back)) + (value - back))",
+        "return new, lost",
     ),
     Mutant(
         "plain-snell",

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from row import Row
 
+from tracer.integrators.sums import add_up
 from tracer.jit import kernel
-from tracer.render.blocks import _add_up
 from tracer.simd import address_of
 
 
@@ -17,7 +17,7 @@ from tracer.simd import address_of
 def add_calls(values, ends, sums):
     first = 0
     for end in ends:
-        _add_up(address_of(values) + 8 * first, end - first, first & 1, sums, 0)
+        add_up(address_of(values) + 8 * first, end - first, first & 1, sums, 0)
         first = end
 
 

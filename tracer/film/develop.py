@@ -40,19 +40,19 @@ def develop(sums: NDArray[np.float64], n_samples: int) -> NDArray[np.float32]:
 
     Parameters
     ----------
-    sums : float64 (2, height, width, channels)
+    sums : float64 (..., 2, height, width, channels)
     n_samples : int
         Samples of both halves together.
 
     Returns
     -------
-    float32 (height, width, channels)
+    float32 (..., height, width, channels)
         Linear radiance, not clamped.
     """
     if n_samples < 1:
         raise ValueError(f"a film of {n_samples} samples has no average")
     with np.errstate(over="ignore"):  # a radiance beyond float32 is infinite in the EXR and white in the PNG
-        pixels: NDArray[np.float32] = ((sums[0] + sums[1]) / n_samples).astype(np.float32)
+        pixels: NDArray[np.float32] = ((sums[..., 0, :, :, :] + sums[..., 1, :, :, :]) / n_samples).astype(np.float32)
     return pixels
 
 

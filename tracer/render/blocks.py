@@ -8,7 +8,7 @@ Invariants: a pixel's sums depend on the scene, the block and the sample range a
 call, their order, or the thread. Each half (even and odd sample indices) is summed with compensation and rounded once.
 The cancel flag is read before every wave, so a cancel is seen within a few milliseconds.
 
-Sources: Neumaier 1974, Knuth (summation); Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
+Sources: Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
 """
 
 from typing import Any, Final
@@ -21,6 +21,7 @@ from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_r
 from tracer.integrators.corners import Seen, look_at_corners
 from tracer.integrators.plain import shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
+from tracer.integrators.sums import SUMS, add_wave
 from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera_lanes import fill_camera_rays
 from tracer.rays.frustum import misses_bounds
@@ -76,46 +77,6 @@ _SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
 _HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
 _WORD_BYTES: Final = 4 * PACKET
-_SUM_BYTES: Final = 2 * STEP
-
-
-@inline
-def add_compensated(total: float, rest: float, value: float) -> tuple[float, float]:
-    """One step of Neumaier's sum: new total and new sum of what the roundings lost."""
-    new = total + value
-    if abs(total) >= abs(value):
-        rest += (total - new) + value
-    else:
-        rest += (value - new) + total
-    return new, rest
-
-
-@inline
-def _add_up(values: int, n: int, parity: int, sums: Any, place: int) -> None:
-    """Add samples of a pixel and channel to its sums: those of even number at ``place``, of odd number 3 further.
-
-    What the roundings lost goes 6 further. Four samples at a time, then the lanes and the rest one by one.
-    """
-    lanes = stack_memory(_SUM_BYTES)
-    whole = n - n % LANES
-    if whole > 0:
-        total = load(VECTOR, values)
-        rest = splat(VECTOR, 0.0)
-        for k in range(LANES, whole, LANES):
-            value = load(VECTOR, values + 8 * k)
-            new = total + value
-            back = new - total  # Knuth's two-sum: exact whichever is larger
-            rest = rest + ((total - (new - back)) + (value - back))
-            total = new
-        store(lanes, total)
-        store(lanes + STEP, rest)
-        for k in range(LANES):
-            i = place + 3 * ((parity + k) % 2)
-            sums[i], lost = add_compensated(sums[i], sums[i + 6], load(_float64, lanes + 8 * k))
-            sums[i + 6] = lost + load(_float64, lanes + STEP + 8 * k)
-    for k in range(whole, n):
-        i = place + 3 * ((parity + k) % 2)
-        sums[i], sums[i + 6] = add_compensated(sums[i], sums[i + 6], load(_float64, values + 8 * k))
 
 
 @inline
@@ -247,8 +208,7 @@ def _render_wave(
     first, end
         ``n_pixels * (end - first) <= WAVE``.
     sums
-        Flat float64, for each pixel of the wave 12 numbers: R, G, B of even samples, of odd ones, and what the
-        roundings of these six lost.
+        Flat float64, `SUMS` of each pixel of the wave.
     """
     per_pixel = end - first
     n = n_pixels * per_pixel
@@ -275,10 +235,7 @@ def _render_wave(
             else:
                 _trace_camera_rays(view, ambient, scratch, seen, places, rays, start)
     trace_bounces(view, ambient, scratch)
-    for pixel in range(n_pixels):
-        for channel in range(3):
-            values = scratch.radiance + 8 * (WAVE * channel + pixel * per_pixel)
-            _add_up(values, per_pixel, first % 2, sums, 12 * pixel + channel)
+    add_wave(scratch.radiance, n_pixels, per_pixel, first, sums)
 
 
 @kernel
@@ -316,7 +273,7 @@ def _render(
     flag = pointer(cancel)
     ambient = total_ambient(view)
     wave_pixels = np.empty((_BLOCK_PIXELS, 3), np.int64)
-    wave_sums = np.empty((_BLOCK_PIXELS, 12))
+    wave_sums = np.empty((_BLOCK_PIXELS, SUMS))
     width, height, kind = settings[SETTING_WIDTH], settings[SETTING_HEIGHT], settings[SETTING_CAMERA]
     crop_x, crop_y = settings[SETTING_CROP_X], settings[SETTING_CROP_Y]
     crop_end_x, crop_end_y = crop_x + settings[SETTING_CROP_WIDTH], crop_y + settings[SETTING_CROP_HEIGHT]

@@ -97,8 +97,7 @@ def render_compiled(
         began = time.thread_time()
         film = backend.render(compiled, chunk, (0, n_samples), flag)
         spent = time.thread_time() - began
-        for (bx, by), sums in zip(chunk.tolist(), film.sums, strict=True):
-            block = develop(sums, n_samples)
+        for (bx, by), block in zip(chunk.tolist(), develop(film.sums, n_samples), strict=True):
             left, top = bx * BLOCK_PX - x0, by * BLOCK_PX - y0
             inside = pixels[max(top, 0) : top + BLOCK_PX, max(left, 0) : left + BLOCK_PX]
             inside[:] = block[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]

@@ -49,6 +49,7 @@ from tracer.shading.rows import (
 )
 from tracer.simd import (
     absolute,
+    all_lanes,
     any_lane,
     load,
     mask_to_bits,
@@ -107,6 +108,9 @@ def offset_origins(ray: int, direction: Any) -> Any:
 @inline
 def attenuate(k: Any, distance: Any) -> Any:
     """Attenuation 1 / (a + b D + c D^2) over four finite distances; ``k`` holds a, b, c."""
+    one = splat(VECTOR, 1.0)
+    if all_lanes((k.x == one) & (k.y == splat(VECTOR, 0.0)) & (k.z == splat(VECTOR, 0.0))):  # mostly: saves a division
+        return one
     denominator = k.x + distance * (k.y + distance * k.z)
     zero = splat(VECTOR, 0.0)
     return select(denominator > zero, splat(VECTOR, 1.0) / denominator, zero)
