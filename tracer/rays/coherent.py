@@ -12,7 +12,7 @@ from tracer.jit import inline, kernel
 from tracer.rays.leaf import ANY, CLOSEST
 from tracer.rays.rows import AXIS, INTEGERS, LANES, ORIGIN, PACKET, ROW, SHEAR, STEP, VECTOR, VECTORS
 from tracer.rays.stream import follow
-from tracer.rays.tile import TILE_BYTES, finish_any, finish_closest, ray_of, start_tile
+from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, ray_of, start_tile
 from tracer.rays.tile_trace import trace_tile
 from tracer.simd import (
     absolute,
@@ -35,7 +35,7 @@ WAITING: Final = 4096  # rays that travel alone, from which they set out
 _NEAR: Final = 0.25  # of origins, in frame units (the scene is 1 to 2 wide)
 _ALIKE: Final = 0.125  # of slopes
 _FEWEST: Final = 16  # rays that travel together
-_PATIENCE: Final = 16  # work a ray after which a tile is given up
+_PATIENCE: Final = 20  # work a ray after which a tile is given up
 _LONGEST: Final = 15  # tiles that are not tried after several in a row were given up
 
 
@@ -91,6 +91,8 @@ def _trace(base: int, rays: Any, start: int, end: int, mode: int, width: int, ou
             skipped += 1
         else:
             left = start_tile(tile, rays, first, across, shift)
+            if mode == CLOSEST:
+                expect_outputs(outputs, first, across, shift)
             met = rest = _int64(0)
             while left != 0:
                 chosen = _companions(tile, left, near)

@@ -263,7 +263,7 @@ def reach_of(base: int) -> Any:
 
 
 @inline
-def _coordinate(address: int, wide: int, k: int) -> Any:
+def coordinate(address: int, wide: int, k: int) -> Any:
     return load(_float64, address + 8 * k) if wide != 0 else _float64(load(_float32, address + 4 * k))
 
 
@@ -301,9 +301,9 @@ def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: i
         for k in range(count):
             number = load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k
             for axis in range(3):
-                value = _coordinate(origins + number * (12 << wide_o), wide_o, axis)
+                value = coordinate(origins + number * (12 << wide_o), wide_o, axis)
                 store(scratch + 24 * k + 8 * axis, value)
-                value = _coordinate(directions + number * (12 << wide_d), wide_d, axis)
+                value = coordinate(directions + number * (12 << wide_d), wide_d, axis)
                 store(scratch + 96 + 24 * k + 8 * axis, value)
             store(scratch + 192 + 8 * k, load(_float64, t_min + step_min * number))
             store(scratch + 224 + 8 * k, load(_float64, t_max + step_max * number))

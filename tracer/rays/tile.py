@@ -25,7 +25,7 @@ from tracer.rays.rows import (
     shear_lanes,
 )
 from tracer.rays.start import as_intervals, four_limits, four_vectors
-from tracer.simd import convert, int32x4, load, mask4, mask_from_bits, mask_to_bits, select, splat, store
+from tracer.simd import convert, int32x4, load, mask4, mask_from_bits, mask_to_bits, prefetch, select, splat, store
 from tracer.simd.gateway import types
 
 _int32: Final = types.int32
@@ -33,7 +33,8 @@ _int64: Final = types.int64
 
 T_MIN: Final = RAY_ROWS * ROW  # in units of UNIT_T, as T_BEST
 UNIT_T: Final = T_MIN + ROW
-TILE_BYTES: Final = UNIT_T + ROW
+WEIGHTS: Final = UNIT_T + ROW  # sum of the three; WEIGHT_1 and WEIGHT_2 are not yet divided by it
+TILE_BYTES: Final = WEIGHTS + ROW
 _INF: Final = float("inf")
 
 
@@ -45,7 +46,7 @@ def ray_of(vector: int, first: int, width: int, shift: int) -> Any:
 
 @inline
 def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
-    """Fill a tile from the arrays.
+    """Fill a tile from the arrays, and ask for the memory of the next tile but one.
 
     Parameters
     ----------
@@ -63,8 +64,12 @@ def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
     """
     origins, wide_o, directions, wide_d, t_min, step_min, t_max, step_max = rays
     rays_there = _int64(0)
+    ahead = (2 * LANES) << shift
     for i in range(VECTORS):
         number = ray_of(i, first, width, shift)
+        soon = (number + ahead) * 12
+        prefetch(origins + (soon << wide_o))
+        prefetch(directions + (soon << wide_d))
         ox, oy, oz = four_vectors(origins + number * (12 << wide_o), wide_o)
         dx, dy, dz = four_vectors(directions + number * (12 << wide_d), wide_d)
         nearest, farthest = four_limits(t_min + step_min * number, step_min, t_max + step_max * number, step_max)
@@ -83,6 +88,17 @@ def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
 
 
 @inline
+def expect_outputs(outputs: Any, first: int, width: int, shift: int) -> None:
+    """Ask for the memory that `finish_closest` will write."""
+    for i in range(VECTORS):
+        number = ray_of(i, first, width, shift)
+        prefetch(outputs[0] + 8 * number)
+        prefetch(outputs[1] + 4 * number)
+        prefetch(outputs[2] + 8 * number)
+        prefetch(outputs[3] + 8 * number)
+
+
+@inline
 def finish_closest(tile: int, outputs: Any, first: int, width: int, shift: int) -> None:
     """Write a tile's nearest hits, as :func:`tracer.rays.single.trace_single` says."""
     out_t, out_primitive, out_u, out_v = outputs
@@ -97,8 +113,9 @@ def finish_closest(tile: int, outputs: Any, first: int, width: int, shift: int) 
             out_t + 8 * number,
             select(met, load(VECTOR, at + T_BEST) * load(VECTOR, at + UNIT_T), splat(VECTOR, _INF)),
         )
-        store(out_u + 8 * number, select(met, load(VECTOR, at + WEIGHT_1), zero))
-        store(out_v + 8 * number, select(met, load(VECTOR, at + WEIGHT_2), zero))
+        total = load(VECTOR, at + WEIGHTS)
+        store(out_u + 8 * number, select(met, load(VECTOR, at + WEIGHT_1) / total, zero))
+        store(out_v + 8 * number, select(met, load(VECTOR, at + WEIGHT_2) / total, zero))
 
 
 @inline

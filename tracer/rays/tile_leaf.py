@@ -27,10 +27,8 @@ from tracer.rays.rows import (
     WEIGHT_1,
     WEIGHT_2,
     mask_of,
-    put,
-    put_integers,
 )
-from tracer.rays.tile import T_MIN
+from tracer.rays.tile import T_MIN, WEIGHTS
 from tracer.rays.tile_beam import ENDS, LINE, X_HIGH, X_LOW, Y_HIGH, Y_LOW, deepest_of
 from tracer.simd import (
     absolute,
@@ -43,6 +41,7 @@ from tracer.simd import (
     maximum,
     minimum,
     multiply_add,
+    select,
     splat,
     store,
     unlikely,
@@ -54,6 +53,7 @@ _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 
+FOUND_BYTES: Final = 5 * STEP
 BOXES_BYTES: Final = 6 * 32  # least and greatest x, y, depth of eight triangles
 
 
@@ -131,6 +131,17 @@ def groups_that_reach(beam: int, box: int, first: Any) -> Any:
 
 
 @inline
+def _blend(address: int, mask: Any, value: Any, old: Any, spare: int) -> None:
+    """Write the chosen lanes of a vector, without a branch.
+
+    Written twice, because LLVM makes a masked store of the one, which costs ten plain ones on some CPUs.
+    """
+    value = select(mask, value, old)
+    store(address, value)
+    store(spare, value)
+
+
+@inline
 def meet(
     place: int,
     size: int,
@@ -163,7 +174,7 @@ def meet(
     beam, room
         Address of the lines, whose ends are drawn in, but for so much, where hits are kept.
     found
-        Address of scratch for 4 vectors.
+        Address of FOUND_BYTES of scratch.
 
     Returns
     -------
@@ -243,10 +254,11 @@ def meet(
             third = (PLACE_2 >> (2 * order)) & 3
             weight_1 = u if second == 0 else (v if second == 1 else w)
             weight_2 = u if third == 0 else (v if third == 1 else w)
-            put(ray + T_BEST, mask, t)
-            put(ray + WEIGHT_1, mask, weight_1 / total)
-            put(ray + WEIGHT_2, mask, weight_2 / total)
-            put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, primitive))
+            _blend(ray + T_BEST, mask, t, t_best, found)
+            _blend(ray + WEIGHT_1, mask, weight_1, load(VECTOR, ray + WEIGHT_1), found + STEP)
+            _blend(ray + WEIGHT_2, mask, weight_2, load(VECTOR, ray + WEIGHT_2), found + 2 * STEP)
+            _blend(ray + WEIGHTS, mask, total, load(VECTOR, ray + WEIGHTS), found + 3 * STEP)
+            _blend(ray + PRIMITIVE, mask, splat(INTEGERS, primitive), best, found + 4 * STEP)
             store(beam + ENDS + 4 * i, deepest_of(tile, i, active, axes, frame) + _float32(room))
         else:
             met &= mask_to_bits((t < t_best) & (t > t_min))

@@ -22,7 +22,7 @@ from tracer.accel.layout import (
     UNIT,
 )
 from tracer.jit import inline, kernel
-from tracer.rays.rows import AXIS, STEP
+from tracer.rays.rows import AXIS
 from tracer.rays.tile_beam import (
     BEAM_BYTES,
     ENDS,
@@ -39,7 +39,7 @@ from tracer.rays.tile_beam import (
     survey_tile,
     whole_line,
 )
-from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach, meet, word_of
+from tracer.rays.tile_leaf import BOXES_BYTES, FOUND_BYTES, box_triangles, groups_that_reach, meet, word_of
 from tracer.simd import (
     count_trailing_zeros,
     float32x8,
@@ -49,7 +49,6 @@ from tracer.simd import (
     minimum,
     multiply_add,
     population_count,
-    prefetch,
     splat,
     stack_memory,
     stand_alone,
@@ -65,7 +64,6 @@ _int64: Final = types.int64
 
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
-_FOUND_BYTES: Final = 4 * STEP
 _ROOT: Final = HEADER_BYTES // UNIT << 3
 _THINNEST: Final = 2.0**-10  # depth over which the lines are drawn at least
 _LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
@@ -170,7 +168,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     boxes = stack_memory(BOXES_BYTES)
-    found = stack_memory(_FOUND_BYTES)
+    found = stack_memory(FOUND_BYTES)
     groups = groups_of(active)
     ended = _int64(0)
     work = _int64(0)
