@@ -9,7 +9,7 @@ import numpy as np
 
 from tracer.accel.layout import FRAME_SCALE
 from tracer.jit import inline, kernel
-from tracer.rays.leaf import ANY, CLOSEST
+from tracer.rays.leaf import CLOSEST
 from tracer.rays.rows import AXIS, INTEGERS, LANES, ORIGIN, PACKET, ROW, SHEAR, STEP, VECTOR, VECTORS
 from tracer.rays.stream import follow
 from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, ray_of, start_tile
@@ -61,13 +61,14 @@ def _companions(tile: int, lanes: int, near: float) -> Any:
 
 
 @kernel
-def _trace(base: int, rays: Any, start: int, end: int, mode: int, width: int, outputs: Any, tile: int, alone: int) -> None:
+def _trace(
+    base: int, rays: Any, start: int, end: int, mode: int, width: int, outputs: Any, tile: int, alone: int
+) -> None:
     """See `trace_coherent`; ``tile`` and ``alone`` are addresses of TILE_BYTES and of WAITING + PACKET int64."""
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
     closest = _int64(1 if mode == CLOSEST else 0)
     n_alone = _int64(0)
     pause = skipped = _int64(0)
-    done = start
     tall = width >= SIDE and end - start >= SIDE * width
     rows = (end - start) // width if tall else 0
     columns = (width + SIDE - 1) // SIDE if tall else 0

@@ -1,4 +1,4 @@
-"""Do the rays of a batch go the same way as those beside them, and do they come in the rows of a picture?
+"""Find out whether rays of a batch go the same way as those beside them, and whether they come in a picture's rows.
 
 Looks at a few rays alone; what it finds decides about speed, never about an answer.
 """

@@ -264,6 +264,7 @@ def reach_of(base: int) -> Any:
 
 @inline
 def coordinate(address: int, wide: int, k: int) -> Any:
+    """Load coordinate k of a row of three float64 (``wide``) or float32."""
     return load(_float64, address + 8 * k) if wide != 0 else _float64(load(_float32, address + 4 * k))
 
 

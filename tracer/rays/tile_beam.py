@@ -17,7 +17,6 @@ from tracer.simd import (
     absolute,
     convert,
     count_trailing_zeros,
-    float32x4,
     float32x8,
     load,
     maximum,
@@ -157,16 +156,18 @@ def whole_line(near: float, far: float, half: float) -> Any:
 
 
 @inline
-def draw_lines(beam: int, half: float, pad: float) -> None:
-    """Turn the extremes of each four rays into lines."""
+def draw_lines(beam: int, half: float, pad: float, room: float) -> None:
+    """Turn the extremes of each four rays into lines, ``pad`` farther out, and set their ends ``room`` farther off."""
     middle, inverse = splat(float32x8, _float32(0.5)), splat(float32x8, _float32(0.5 / half))
     for row in range(X_LOW, ENDS, 2 * LINE):
-        side = -pad if row == X_LOW or row == Y_LOW else pad  # noqa: PLR1714 - a set is slow to compile
-        room = splat(float32x8, _float32(side))
+        side = -pad if row % (4 * LINE) == 0 else pad  # lower lines, then upper ones
+        aside = splat(float32x8, _float32(side))
         for at in range(row, row + LINE, 32):
             near, far = load(float32x8, beam + at), load(float32x8, beam + at + LINE)
-            store(beam + at, (near + far) * middle + room)
+            store(beam + at, (near + far) * middle + aside)
             store(beam + at + LINE, (far - near) * inverse)
+    for at in range(ENDS, BEAM_BYTES, 32):
+        store(beam + at, load(float32x8, beam + at) + splat(float32x8, _float32(room)))
 
 
 @inline

@@ -143,10 +143,7 @@ def _blend(address: int, mask: Any, value: Any, old: Any, spare: int) -> None:
 
 @inline
 def meet(
-    place: int,
-    size: int,
-    row: int,
-    word: int,
+    triangle: Any,
     tile: int,
     active: int,
     groups: int,
@@ -161,10 +158,8 @@ def meet(
 
     Parameters
     ----------
-    place, size, row
-        Address of the triangle's first coordinate, bytes of a coordinate and of a leaf's row.
-    word
-        The leaf's word of the triangle: id and vertex order.
+    triangle
+        (address of its first coordinate, bytes of a coordinate, bytes of a leaf's row, its word: id and vertex order).
     tile, active, groups
         Rays; bits of the vectors to look at.
     axes, frame
@@ -182,6 +177,7 @@ def meet(
         The rays that meet it within their ends; under ``closest``, for which it is now the nearest.
     """
     kx, ky, kz = axes
+    place, size, row, word = triangle
     primitive = word >> ORDER_BITS
     c = stack_of_nine(place, size, row, kx, ky, kz)
     pax, pay, paz = splat(VECTOR, c[0]), splat(VECTOR, c[1]), splat(VECTOR, c[2])

@@ -49,6 +49,7 @@ from tracer.simd import (
     minimum,
     multiply_add,
     population_count,
+    prefetch,
     splat,
     stack_memory,
     stand_alone,
@@ -65,6 +66,7 @@ _int64: Final = types.int64
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
 _ROOT: Final = HEADER_BYTES // UNIT << 3
+_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 _THINNEST: Final = 2.0**-10  # depth over which the lines are drawn at least
 _LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
 _FARTHEST: Final = 64.0  # origin, frame units: beyond, float32 lines are too coarse
@@ -82,13 +84,17 @@ def _spread(value: float) -> Any:
 
 
 @inline
-def _push_many(hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first; returns the new top."""
+def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
+    """Push all hit children, farthest first, and ask for their memory; returns the new top."""
     bottom = top
     while hits != 0:
         lane = count_trailing_zeros(hits)
-        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
+        word = _int64(load(_int32, children + 4 * lane))
+        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
         hits &= hits - 1
+        place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
+        for line in range(_LINES):
+            prefetch(place + 64 * line)
         slot = top
         while slot > bottom and load(_int64, slot - 8) < entry:
             store(slot, load(_int64, slot - 8))
@@ -135,6 +141,8 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     frame = (cx, cy, cz, scale, sign)
     axes = (kx, ky, kz)
     size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
+    if half < 0.0:  # an empty tree
+        return _int64(0), _int64(0)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_BYTES)
     begin, reach = survey_tile(tile, active, axes, frame, breadth, beam)
@@ -153,7 +161,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     xh, xh_slope = whole_line(greatest_of(beam + X_HIGH), greatest_of(beam + X_HIGH + LINE), breadth)
     yl, yl_slope = whole_line(least_of(beam + Y_LOW), least_of(beam + Y_LOW + LINE), breadth)
     yh, yh_slope = whole_line(greatest_of(beam + Y_HIGH), greatest_of(beam + Y_HIGH + LINE), breadth)
-    draw_lines(beam, breadth, pad)
+    draw_lines(beam, breadth, pad, room)
     # each slope split by sign: rising parts count at one end of a box, falling ones at the other
     nothing = _float32(0.0)
     xl_up, xl_down, xl = _spread(max(xl_slope, nothing)), _spread(min(xl_slope, nothing)), _spread(xl - pad)
@@ -197,7 +205,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
                 word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
                 continue
             store(near, enter - nearest)
-            top = _push_many(hits, near, children, top) - 8
+            top = _push_many(base, hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
@@ -218,10 +226,8 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
                 work += _TRIANGLE + population_count(reached)
                 if reached == 0:
                     continue
-                triangle = word_of(leaf, n, size, k)
-                met = meet(
-                    leaf + k * size, size, n * size, triangle, tile, active, reached, axes, frame, closest, beam, room, found
-                )
+                triangle = (leaf + k * size, size, n * size, word_of(leaf, n, size, k))
+                met = meet(triangle, tile, active, reached, axes, frame, closest, beam, room, found)
                 changed |= met
                 if closest == 0 and met != 0:
                     ended |= met
