@@ -12,7 +12,7 @@ from tracer.jit import inline, kernel
 from tracer.rays.leaf import CLOSEST
 from tracer.rays.rows import AXIS, INTEGERS, LANES, ORIGIN, PACKET, ROW, SHEAR, STEP, VECTOR, VECTORS
 from tracer.rays.stream import follow
-from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, ray_of, start_tile
+from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, prepare_tile, ray_of, start_tile
 from tracer.rays.tile_trace import trace_tile
 from tracer.simd import (
     absolute,
@@ -65,6 +65,7 @@ def _trace(
     base: int, rays: Any, start: int, end: int, mode: int, width: int, outputs: Any, tile: int, alone: int
 ) -> None:
     """See `trace_coherent`; ``tile`` and ``alone`` are addresses of TILE_BYTES and of WAITING + PACKET int64."""
+    prepare_tile(tile)
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
     closest = _int64(1 if mode == CLOSEST else 0)
     n_alone = _int64(0)

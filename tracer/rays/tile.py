@@ -34,7 +34,8 @@ _int64: Final = types.int64
 T_MIN: Final = RAY_ROWS * ROW  # in units of UNIT_T, as T_BEST
 UNIT_T: Final = T_MIN + ROW
 WEIGHTS: Final = UNIT_T + ROW  # sum of the three; WEIGHT_1 and WEIGHT_2 are not yet divided by it
-TILE_BYTES: Final = WEIGHTS + ROW
+LANE_MASKS: Final = WEIGHTS + ROW  # for each set of four lanes, int64: -1 where a lane is in it
+TILE_BYTES: Final = LANE_MASKS + 16 * STEP
 _INF: Final = float("inf")
 
 
@@ -42,6 +43,14 @@ _INF: Final = float("inf")
 def ray_of(vector: int, first: int, width: int, shift: int) -> Any:
     """Return the number of a vector's first ray, in a tile from ray ``first`` on: rows of 2**shift vectors."""
     return first + (vector >> shift) * width + LANES * (vector & ((1 << shift) - 1))
+
+
+@inline
+def prepare_tile(tile: int) -> None:
+    """Write what stays in a tile's memory whatever rays come."""
+    for bits in range(16):
+        for lane in range(LANES):
+            store(tile + LANE_MASKS + STEP * bits + 8 * lane, -_int64((bits >> lane) & 1))
 
 
 @inline

@@ -42,7 +42,8 @@ X_HIGH: Final = 2 * LINE
 Y_LOW: Final = 4 * LINE
 Y_HIGH: Final = 6 * LINE
 ENDS: Final = 8 * LINE  # greatest depth at which one of the four can still find something
-BEAM_BYTES: Final = 9 * LINE
+BEGINS: Final = 9 * LINE  # least depth of an origin
+BEAM_BYTES: Final = 10 * LINE
 
 
 @inline
@@ -52,7 +53,7 @@ def _spread64(address: int) -> Any:
 
 @inline
 def _crossings(at: int, mask: Any, some: int, axes: Any, frame: Any, half: float) -> Any:
-    """Return x and y at both depths, the end's depth: float32x4; depth and greatest coordinate of the origin.
+    """Return x and y at both depths, the depths of end and origin: float32x4; greatest coordinate of the origin.
 
     Lanes outside the mask count as the ray at ``some``.
     """
@@ -78,7 +79,7 @@ def _crossings(at: int, mask: Any, some: int, axes: Any, frame: Any, half: float
         convert(_float32, y),
         convert(_float32, far_y),
         convert(_float32, end),
-        z,
+        convert(_float32, z),
         reach,
     )
 
@@ -108,10 +109,10 @@ def survey_tile(tile: int, active: int, axes: Any, frame: Any, half: float, beam
 
     Returns
     -------
-    tuple
-        (least depth of an origin, greatest coordinate of one).
+    float64
+        Greatest coordinate of an origin.
     """
-    begin, reach = splat(VECTOR, _INF), splat(VECTOR, 0.0)
+    reach = splat(VECTOR, 0.0)
     some = tile + 8 * count_trailing_zeros(active)
     for j in range(0, VECTORS, 4):
         at = tile + STEP * j
@@ -126,9 +127,10 @@ def survey_tile(tile: int, active: int, axes: Any, frame: Any, half: float, beam
         _put_extremes(row + Y_LOW + LINE, row + Y_HIGH + LINE, fy0, fy1, fy2, fy3)
         e0, e1, e2, e3 = transpose(e0, e1, e2, e3)
         store(row + ENDS, maximum(maximum(e0, e1), maximum(e2, e3)))
-        begin = minimum(begin, minimum(minimum(z0, z1), minimum(z2, z3)))
+        z0, z1, z2, z3 = transpose(z0, z1, z2, z3)
+        store(row + BEGINS, minimum(minimum(z0, z1), minimum(z2, z3)))
         reach = maximum(reach, maximum(maximum(r0, r1), maximum(r2, r3)))
-    return reduce_min(begin), reduce_max(reach)
+    return reduce_max(reach)
 
 
 @inline
@@ -157,7 +159,7 @@ def whole_line(near: float, far: float, half: float) -> Any:
 
 @inline
 def draw_lines(beam: int, half: float, pad: float, room: float) -> None:
-    """Turn the extremes of each four rays into lines, ``pad`` farther out, and set their ends ``room`` farther off."""
+    """Turn the extremes of each four rays into lines, ``pad`` farther out and set begins and ends ``room`` apart."""
     middle, inverse = splat(float32x8, _float32(0.5)), splat(float32x8, _float32(0.5 / half))
     for row in range(X_LOW, ENDS, 2 * LINE):
         side = -pad if row % (4 * LINE) == 0 else pad  # lower lines, then upper ones
@@ -166,8 +168,10 @@ def draw_lines(beam: int, half: float, pad: float, room: float) -> None:
             near, far = load(float32x8, beam + at), load(float32x8, beam + at + LINE)
             store(beam + at, (near + far) * middle + aside)
             store(beam + at + LINE, (far - near) * inverse)
-    for at in range(ENDS, BEAM_BYTES, 32):
-        store(beam + at, load(float32x8, beam + at) + splat(float32x8, _float32(room)))
+    apart = splat(float32x8, _float32(room))
+    for at in range(0, LINE, 32):
+        store(beam + ENDS + at, load(float32x8, beam + ENDS + at) + apart)
+        store(beam + BEGINS + at, load(float32x8, beam + BEGINS + at) - apart)
 
 
 @inline
@@ -180,11 +184,21 @@ def groups_of(active: int) -> Any:
 
 
 @inline
-def deepest_of(tile: int, vector: int, active: int, axes: Any, frame: Any) -> Any:
-    """Return the greatest depth at which one of a vector's active rays can still find something."""
-    _kx, _ky, kz = axes
+def deepest_of(ray: int, mask: Any, oz: Any, t_best: Any, frame: Any) -> Any:
+    """Return the greatest depth at which one of a vector's rays, those of the mask, can still find something.
+
+    Parameters
+    ----------
+    ray
+        Address of the vector's first ray.
+    mask
+        Mask of four.
+    oz, t_best
+        float64x4: the origins' coordinate along the axis, and the rays' ends.
+    frame
+        As for `survey_tile`.
+    """
     _cx, _cy, cz, scale, sign = frame
-    at = tile + STEP * vector
-    end = (load(VECTOR, at + ORIGIN + kz * ROW) - splat(VECTOR, cz)) * splat(VECTOR, scale * sign)
-    end = end + load(VECTOR, at + T_BEST) * load(VECTOR, at + SPEED) * splat(VECTOR, scale)
-    return reduce_max(convert(_float32, select(mask_of(active, vector), end, splat(VECTOR, -_INF))))
+    end = (oz - splat(VECTOR, cz)) * splat(VECTOR, scale * sign)
+    end = end + t_best * load(VECTOR, ray + SPEED) * splat(VECTOR, scale)
+    return reduce_max(convert(_float32, select(mask, end, splat(VECTOR, -_INF))))

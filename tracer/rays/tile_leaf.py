@@ -28,22 +28,23 @@ from tracer.rays.rows import (
     WEIGHT_2,
     mask_of,
 )
-from tracer.rays.tile import T_MIN, WEIGHTS
-from tracer.rays.tile_beam import ENDS, LINE, X_HIGH, X_LOW, Y_HIGH, Y_LOW, deepest_of
+from tracer.rays.tile import LANE_MASKS, T_MIN, WEIGHTS
+from tracer.rays.tile_beam import BEGINS, ENDS, LINE, X_HIGH, X_LOW, Y_HIGH, Y_LOW, deepest_of
 from tracer.simd import (
     absolute,
     convert,
     count_trailing_zeros,
     float32x8,
     float64x8,
+    from_bits,
     load,
     mask_to_bits,
     maximum,
     minimum,
     multiply_add,
-    select,
     splat,
     store,
+    to_bits,
     unlikely,
 )
 from tracer.simd.gateway import types
@@ -53,7 +54,7 @@ _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 
-FOUND_BYTES: Final = 5 * STEP
+FOUND_BYTES: Final = 4 * STEP
 BOXES_BYTES: Final = 6 * 32  # least and greatest x, y, depth of eight triangles
 
 
@@ -98,10 +99,10 @@ def _spread(address: int) -> Any:
 
 
 @inline
-def _groups_at(beam: int, box: int, first: Any) -> Any:
+def _groups_at(beam: int, box: int) -> Any:
     """Bits of eight groups, from address ``beam`` on, some ray of which may meet a box."""
     x0, x1, y0, y1 = _spread(box), _spread(box + 32), _spread(box + 64), _spread(box + 96)
-    enter = maximum(_spread(box + 128), first)
+    enter = maximum(_spread(box + 128), load(float32x8, beam + BEGINS))
     leave = minimum(_spread(box + 160), load(float32x8, beam + ENDS))
     start, slope = load(float32x8, beam + X_LOW), load(float32x8, beam + X_LOW + LINE)
     reached = minimum(multiply_add(slope, enter, start), multiply_add(slope, leave, start)) <= x1
@@ -115,7 +116,7 @@ def _groups_at(beam: int, box: int, first: Any) -> Any:
 
 
 @inline
-def groups_that_reach(beam: int, box: int, first: Any) -> Any:
+def groups_that_reach(beam: int, box: int) -> Any:
     """Bits of the sixteen groups, some ray of which may meet a triangle.
 
     Parameters
@@ -124,21 +125,17 @@ def groups_that_reach(beam: int, box: int, first: Any) -> Any:
         Address of the lines.
     box
         Address of the triangle's first value in what `box_triangles` wrote.
-    first
-        Depth at which the first ray begins.
     """
-    return _groups_at(beam, box, first) | (_groups_at(beam + 32, box, first) << 8)
+    return _groups_at(beam, box) | (_groups_at(beam + 32, box) << 8)
 
 
 @inline
-def _blend(address: int, mask: Any, value: Any, old: Any, spare: int) -> None:
-    """Write the chosen lanes of a vector, without a branch.
+def _blend(mask: Any, new: Any, old: Any) -> Any:
+    """Take ``new`` where the mask, from memory, is -1, else ``old``.
 
-    Written twice, because LLVM makes a masked store of the one, which costs ten plain ones on some CPUs.
+    Not by `select`: a store of it becomes a masked store, which costs ten plain ones on some CPUs.
     """
-    value = select(mask, value, old)
-    store(address, value)
-    store(spare, value)
+    return from_bits((to_bits(new) & mask) | (to_bits(old) & ~mask))
 
 
 @inline
@@ -244,18 +241,19 @@ def meet(
             met &= mask_to_bits(nearer & (t > t_min))
             if met == 0:
                 continue
-            mask = mask_of(met, 0)
+            mask = load(INTEGERS, tile + LANE_MASKS + STEP * met)
             order = word & ((1 << ORDER_BITS) - 1)
             second = (PLACE_1 >> (2 * order)) & 3
             third = (PLACE_2 >> (2 * order)) & 3
             weight_1 = u if second == 0 else (v if second == 1 else w)
             weight_2 = u if third == 0 else (v if third == 1 else w)
-            _blend(ray + T_BEST, mask, t, t_best, found)
-            _blend(ray + WEIGHT_1, mask, weight_1, load(VECTOR, ray + WEIGHT_1), found + STEP)
-            _blend(ray + WEIGHT_2, mask, weight_2, load(VECTOR, ray + WEIGHT_2), found + 2 * STEP)
-            _blend(ray + WEIGHTS, mask, total, load(VECTOR, ray + WEIGHTS), found + 3 * STEP)
-            _blend(ray + PRIMITIVE, mask, splat(INTEGERS, primitive), best, found + 4 * STEP)
-            store(beam + ENDS + 4 * i, deepest_of(tile, i, active, axes, frame) + _float32(room))
+            t_best = _blend(mask, t, t_best)
+            store(ray + T_BEST, t_best)
+            store(ray + WEIGHT_1, _blend(mask, weight_1, load(VECTOR, ray + WEIGHT_1)))
+            store(ray + WEIGHT_2, _blend(mask, weight_2, load(VECTOR, ray + WEIGHT_2)))
+            store(ray + WEIGHTS, _blend(mask, total, load(VECTOR, ray + WEIGHTS)))
+            store(ray + PRIMITIVE, (splat(INTEGERS, primitive) & mask) | (best & ~mask))
+            store(beam + ENDS + 4 * i, deepest_of(ray, mask_of(active, i), oz, t_best, frame) + _float32(room))
         else:
             met &= mask_to_bits((t < t_best) & (t > t_min))
         met_rays |= met << (LANES * i)

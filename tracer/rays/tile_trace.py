@@ -25,6 +25,7 @@ from tracer.jit import inline, kernel
 from tracer.rays.rows import AXIS
 from tracer.rays.tile_beam import (
     BEAM_BYTES,
+    BEGINS,
     ENDS,
     LINE,
     X_HIGH,
@@ -49,7 +50,6 @@ from tracer.simd import (
     minimum,
     multiply_add,
     population_count,
-    prefetch,
     splat,
     stack_memory,
     stand_alone,
@@ -66,7 +66,6 @@ _int64: Final = types.int64
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
 _ROOT: Final = HEADER_BYTES // UNIT << 3
-_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 _THINNEST: Final = 2.0**-10  # depth over which the lines are drawn at least
 _LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
 _FARTHEST: Final = 64.0  # origin, frame units: beyond, float32 lines are too coarse
@@ -84,17 +83,14 @@ def _spread(value: float) -> Any:
 
 
 @inline
-def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first, and ask for their memory; returns the new top."""
+def _push_many(hits: int, near: int, children: int, top: int) -> int:
+    """Push all hit children, farthest first; returns the new top."""
     bottom = top
     while hits != 0:
         lane = count_trailing_zeros(hits)
         word = _int64(load(_int32, children + 4 * lane))
         entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
         hits &= hits - 1
-        place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-        for line in range(_LINES):
-            prefetch(place + 64 * line)
         slot = top
         while slot > bottom and load(_int64, slot - 8) < entry:
             store(slot, load(_int64, slot - 8))
@@ -145,14 +141,14 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
         return _int64(0), _int64(0)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_BYTES)
-    begin, reach = survey_tile(tile, active, axes, frame, breadth, beam)
+    reach = survey_tile(tile, active, axes, frame, breadth, beam)
     # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
     slop = 2.0**-46 * (1.0 + reach + centre)
     if not (reach <= _FARTHEST and slop <= _COARSEST and (size == 8 or 1.0 / _SCALES < scale < _SCALES)):
         return _int64(0), active
     room = _LATE + slop
-    first_depth = _float32(max(begin, -half) - room)
+    first_depth = _float32(max(least_of(beam + BEGINS), -half) - room)
     last_depth = min(greatest_of(beam + ENDS), _float32(half)) + _float32(room)
     if first_depth > last_depth:
         return _int64(0), _int64(0)
@@ -205,7 +201,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
                 word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
                 continue
             store(near, enter - nearest)
-            top = _push_many(base, hits, near, children, top) - 8
+            top = _push_many(hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
@@ -222,7 +218,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
                 candidates &= candidates - 1
-                reached = groups_that_reach(beam, boxes + 4 * k, nearest) & groups
+                reached = groups_that_reach(beam, boxes + 4 * k) & groups
                 work += _TRIANGLE + population_count(reached)
                 if reached == 0:
                     continue

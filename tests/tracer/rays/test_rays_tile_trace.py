@@ -8,7 +8,7 @@ from tracer.rays import RayCaster
 from tracer.rays.caster import checked_rays
 from tracer.rays.rows import AXIS, PRIMITIVE, ROW, T_BEST
 from tracer.rays.single import trace_single
-from tracer.rays.tile import TILE_BYTES, UNIT_T, start_tile
+from tracer.rays.tile import TILE_BYTES, UNIT_T, prepare_tile, start_tile
 from tracer.rays.tile_trace import trace_tile
 
 PLENTY = 10**9
@@ -21,6 +21,7 @@ class Tile:
     def __init__(self, rays):
         self.memory = np.zeros(TILE_BYTES + 64, np.uint8)
         self.address = (self.memory.ctypes.data + 63) & ~63
+        prepare_tile(self.address)
         self.usable = start_tile(self.address, rays.packed, 0, 0, 4) & ALL
 
     def row(self, offset, kind=np.float64):
