@@ -66,7 +66,8 @@ class RayCaster:
     A closed mesh loses no ray and counts none twice, wherever the ray goes and however large or far away the mesh is:
     whether a triangle is met is decided exactly (:mod:`tracer.rays.predicate`), and neighbours share their edges.
     Of equally near triangles the lowest row of ``faces`` is returned. Results do not depend on the order of the rays,
-    on what else is in the batch, or on the number of threads.
+    on what else is in the batch, or on the number of threads. Speed does: rays in the order of a picture's rows, and
+    others of which neighbours in the batch go much the same way, are several times as fast as shuffled ones.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """A leaf against a tile: which triangles may be met by which four rays, then these four rays exactly.
 
 A triangle's box is held against the lines of sixteen groups of four rays in float32; most triangles of a fine mesh
-are left to one or two of them. What is left is decided four rays at a time.
+are left to three to five of them. What is left is decided four rays at a time.
 
 Invariant: as :mod:`tracer.rays.packet_leaf`: a lane is accepted only where the predicate would take its rounded
 branch, by the same floats in the same order; lanes that are not certain go to the scalar predicate itself.
