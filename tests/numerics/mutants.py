@@ -61,6 +61,21 @@ MUTANTS = [
         "(low < zero) & (high > zero)",
         "(low <= zero) & (high > zero)",
     ),
+    Mutant(
+        "edge-lost-in-tiles",
+        "N2",
+        "rays/tile_leaf.py",
+        "(low < zero) & (high > zero)",
+        "(low <= zero) & (high > zero)",
+    ),
+    Mutant(
+        "beam-too-narrow",
+        "N2",
+        "rays/tile_beam.py",
+        "return 2.0**-20 * (2.0 * reach + half) + 8.0 * slop",
+        "return -(2.0**-16) * (2.0 * reach + half)",
+    ),
+    Mutant("tmin-lost-in-tiles", "N2", "rays/tile_leaf.py", "nearer & (t > t_min)", "nearer & (t > zero)"),
     Mutant("no-pad", "N1,N2,N5", "rays/start.py", "return r, p - pad, p + pad,", "return r, p, p,"),
     Mutant(
         "near-is-far",

@@ -1,6 +1,8 @@
-"""N2: single rays and packets give the same primitive and, bit for bit, the same t; brute force on a part of them.
+"""N2: every path gives the same primitive and, bit for bit, the same t, u and v; brute force on a part of them.
 
-Packets as rays come (incoherent: bundles of few) and as a pinhole would send them (one origin, sorted by direction).
+The paths: single rays, many in flight, tiles of 64 as they come in a batch, and the renderer's packets. Rays as they
+come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a time that
+are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at.
 """
 
 import numpy as np
@@ -9,7 +11,19 @@ from n01 import batches
 from packets import by_packets
 from row import Row
 
+from tracer.rays.caster import Hits, checked_rays
+from tracer.rays.coherent import trace_coherent
+from tracer.rays.leaf import ANY, CLOSEST
+from tracer.rays.single import trace_single
+from tracer.rays.stream import trace_stream
+
 BRUTE = 200  # rays a batch that every face is tested against
+TOGETHER = 4  # rays a batch that 63 others go along with
+PATHS = {
+    "stream": (trace_stream, ()),
+    "tiles in a row": (trace_coherent, (0,)),
+    "square tiles": (trace_coherent, (16,)),
+}
 
 
 def fan_out(origins, directions):
@@ -22,19 +36,69 @@ def fan_out(origins, directions):
     return np.broadcast_to(origins[0], directions.shape)[keep].copy(), directions[keep]
 
 
+def bundles(origins, directions, rng):
+    """64 rays for each of a few, from none to many roundings beside it."""
+    origins, directions = np.repeat(origins[:TOGETHER], 64, 0), np.repeat(directions[:TOGETHER], 64, 0)
+    beside = rng.choice([0.0, 1.0, -1.0], directions.shape) * 2.0 ** rng.choice([-52, -50, -44, -20], directions.shape)
+    return origins, directions * (1.0 + beside)
+
+
+def answers(path, caster, rays, *more):
+    """(t, primitive, u, v, met) by one path."""
+    n = rays.n
+    hits = Hits(np.empty(n), np.empty(n, np.int32), np.empty(n), np.empty(n))
+    path(caster.bvh.buffer, rays.packed, 0, n, CLOSEST, *hits, *more)
+    met = Hits(np.empty(0), np.empty(n, np.int32), np.empty(0), np.empty(0))
+    path(caster.bvh.buffer, rays.packed, 0, n, ANY, *met, *more)
+    return *hits, met.primitive
+
+
+def differing(caster, rays):
+    """Return how many rays each path answers otherwise than single rays."""
+    alone = answers(trace_single, caster, rays)
+    wrong = {}
+    for name, (path, more) in PATHS.items():
+        apart = np.zeros(rays.n, bool)
+        for one, other in zip(alone, answers(path, caster, rays, *more), strict=True):
+            apart |= one != other
+        wrong[name] = int(apart.sum())
+    return wrong
+
+
+def with_limits(origins, directions, times, rng):
+    """The same rays with ends of their own, many of them at the hit itself; some are no rays."""
+    n = len(origins)
+    at = np.where(np.isfinite(times), times, 1.0)
+    factor = rng.choice([0.0, 0.5, 1.0, 1.0, 2.0, np.inf], (2, n))
+    with np.errstate(invalid="ignore"):
+        t_min, t_max = at * factor[0], at * factor[1]
+    kind = rng.integers(0, 50, n)
+    origins, directions = origins.copy(), directions.copy()
+    origins[kind == 0] = np.nan
+    directions[kind == 1] = 0.0
+    directions[kind == 2] *= -1.0
+    t_min[kind == 3] = np.nan
+    return checked_rays(origins, directions, t_min, t_max)
+
+
 def run(cases, seed=2):
     total = brute = 0
-    wrong = {"single": 0, "packet": 0, "any-hit in packets": 0}
+    rng = np.random.default_rng(seed + 1000)
+    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", *PATHS), 0)
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
-        for o, d in ((origins, directions), fan_out(origins, directions)):
+        together = bundles(origins, directions, rng)
+        for o, d in ((origins, directions), fan_out(origins, directions), together):
             hits = caster.closest_hit(o, d)
             times, primitives, met = by_packets(caster.bvh, o, d)
             wrong["packet"] += int(((times != hits.t) | (primitives != hits.primitive)).sum())
             wrong["any-hit in packets"] += int((met != (hits.primitive >= 0)).sum())
             true_times, true_primitives, _ = by_brute_force(vertices, faces, o[:BRUTE], d[:BRUTE])
             differs = (true_times != hits.t[:BRUTE]) | (true_primitives != hits.primitive[:BRUTE])
-            wrong["single"] += int(differs.sum())
+            wrong["caster"] += int(differs.sum())
+            for rays in (checked_rays(o, d, 0.0, np.inf), with_limits(o, d, hits.t, rng)):
+                for name, count in differing(caster, rays).items():
+                    wrong[name] += count
             total += len(o)
             brute += len(o[:BRUTE])
     note = ", ".join(f"{name} {count}" for name, count in wrong.items()) + f"; {brute:,} by brute force"
-    return Row("N2", "single = packet = brute force", total, sum(wrong.values()), 0.0, 0.0, note)
+    return Row("N2", "all paths = brute force", total, sum(wrong.values()), 0.0, 0.0, note)

@@ -16,10 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tracer.accel.wide import WideBvh, build_wide
+from tracer.rays.coherent import SIDE, trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
+from tracer.rays.neighbours import go_together, row_length
 from tracer.rays.stream import trace_stream
 
 CHUNK: Final = 8192  # rays handed to a thread at a time
+_WORTH_A_LOOK: Final = 1024  # rays
+_TOGETHER: Final = 0.125  # share of rays that go together, from which tiles pay: they soon give up where they do not
 _NOTHING: Final = np.empty(0)
 
 
@@ -62,7 +66,8 @@ class RayCaster:
     A closed mesh loses no ray and counts none twice, wherever the ray goes and however large or far away the mesh is:
     whether a triangle is met is decided exactly (:mod:`tracer.rays.predicate`), and neighbours share their edges.
     Of equally near triangles the lowest row of ``faces`` is returned. Results do not depend on the order of the rays,
-    on what else is in the batch, or on the number of threads.
+    on what else is in the batch, or on the number of threads. Speed does: rays in the order of a picture's rows, and
+    others of which neighbours in the batch go much the same way, are several times as fast as shuffled ones.
 
     Parameters
     ----------
@@ -181,43 +186,38 @@ class RayCaster:
 
     def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
         """Answer all rays, in chunks on several threads; each writes its own rows."""
-        work = _runs(rays, self.bvh)
+        path, chunk, more = choose_path(mode, rays, self.bvh)
         packed = rays.packed
 
-        def run(path: Callable[..., None], start: int, end: int) -> None:
-            path(self.bvh.buffer, packed, start, end, mode, *hits)
+        def run(start: int, end: int) -> None:
+            path(self.bvh.buffer, packed, start, end, mode, *hits, *more)
 
-        if threads <= 1 or rays.n <= CHUNK:
-            for path, start, end in work:
-                run(path, start, end)
+        if threads <= 1 or rays.n <= chunk:
+            run(0, rays.n)
             return
-        parts = [
-            (path, first, min(first + CHUNK, end)) for path, start, end in work for first in range(start, end, CHUNK)
-        ]
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(lambda part: run(*part), parts))
+            list(pool.map(lambda start: run(start, min(start + chunk, rays.n)), range(0, rays.n, chunk)))
 
 
-def _runs(rays: Rays, bvh: WideBvh) -> list[tuple[Callable[..., None], int, int]]:
-    """Cut a batch into chunks, choose a path for each, and join neighbours that take the same one."""
-    runs: list[tuple[Callable[..., None], int, int]] = []
-    for start in range(0, rays.n, CHUNK):
-        end = min(start + CHUNK, rays.n)
-        path = choose_path(rays, start, end, bvh)
-        if runs and runs[-1][0] is path:
-            start = runs.pop()[1]  # noqa: PLW2901 - the run begins earlier
-        runs.append((path, start, end))
-    return runs
-
-
-def choose_path(rays: Rays, start: int, end: int, bvh: WideBvh) -> Callable[..., None]:
-    """Choose the kernel for rays start..end of a batch, at most `CHUNK`: the one door for further paths.
+def choose_path(mode: int, rays: Rays, bvh: WideBvh) -> tuple[Callable[..., None], int, tuple[int, ...]]:
+    """Choose the kernel for a batch: the one door for further paths.
 
     Every path takes the same parameters (:func:`tracer.rays.single.trace_single`) and gives the same answers, so this
-    is about speed alone. It looks at a few rays: what it costs, each chunk pays.
+    is about speed alone.
+
+    Returns
+    -------
+    tuple
+        (kernel, rays handed to a thread at a time, further arguments).
     """
-    del rays, start, end, bvh
-    return trace_stream
+    if mode != COUNT and rays.n >= _WORTH_A_LOOK:
+        width = row_length(bvh.buffer, rays.packed, rays.n)
+        if width > 0:
+            band = SIDE * width
+            return trace_coherent, max(CHUNK // band, 1) * band, (width,)
+        if go_together(bvh.buffer, rays.packed, rays.n) >= _TOGETHER:
+            return trace_coherent, CHUNK, (0,)
+    return trace_stream, CHUNK, ()
 
 
 def checked_rays(origins: ArrayLike, directions: ArrayLike, tmin: ArrayLike, tmax: ArrayLike) -> Rays:

@@ -206,7 +206,7 @@ def trace_single(
         store(slots + 8 * k, states + k * s.STATE_BYTES)
     for i in range(start, end, LANES):
         count = min(end - i, LANES)
-        start_rays(slots, base, reach, rays, i, count, rest)
+        start_rays(slots, base, reach, rays, i, count, _int64(0), rest)
         for k in range(count):
             state = states + k * s.STATE_BYTES
             if load(_int64, state + s.NODE) != END:

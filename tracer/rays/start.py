@@ -65,7 +65,7 @@ def _i64(value: int) -> Any:
 
 
 @inline
-def _four_vectors(address: int, wide: int) -> Any:
+def four_vectors(address: int, wide: int) -> Any:
     """Load x, y, z of four consecutive rows of three float32 (float64 when ``wide``)."""
     if wide != 0:
         x, y, z = deinterleave(load(float64x4, address), load(float64x4, address + 32), load(float64x4, address + 64))
@@ -112,6 +112,38 @@ def _store_rows(states: int, field: int, a: Any, b: Any, c: Any, d: Any) -> None
 
 
 @inline
+def as_intervals(ox: Any, oy: Any, oz: Any, dx: Any, dy: Any, dz: Any, t_min: Any, t_max: Any) -> Any:
+    """Bring four rays into the form that the predicate takes.
+
+    A ray is an open interval (max(tmin, 0), tmax) of o + t d. NaN anywhere, a zero or infinite direction, an origin
+    beyond 1e100, or an empty interval: no ray, it meets nothing.
+
+    Parameters
+    ----------
+    ox, oy, oz, dx, dy, dz, t_min, t_max
+        float64x4.
+
+    Returns
+    -------
+    tuple
+        (whether it is a ray, `tracer.rays.predicate.unit_of` it, the direction times that: x, y, z; tmin and tmax for
+        that direction: t is theirs times the unit).
+    """
+    zero, one = _f64(0.0), _f64(1.0)
+    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
+    t_min = maximum(zero, t_min)  # a NaN stays
+    limit = _f64(LARGEST)
+    infinite = _f64(_INF)
+    valid = (absolute(dx) < infinite) & (absolute(dy) < infinite) & (absolute(dz) < infinite) & (largest > zero)
+    valid = valid & (absolute(ox) <= limit) & (absolute(oy) <= limit) & (absolute(oz) <= limit) & (t_min < t_max)
+    unit = from_bits(maximum(_i64(1), _i64(2046) - ((to_bits(largest) >> 52) & _i64(2047))) << 52)
+    t_unit = one / unit
+    t_min = t_min * t_unit
+    t_max = minimum(minimum(t_max, _f64(_FINITE)) * t_unit, _f64(_FINITE))  # a t beyond float64 is no hit
+    return valid, unit, dx * unit, dy * unit, dz * unit, t_min, t_max
+
+
+@inline
 def start_four(
     states: int,
     base: int,
@@ -124,9 +156,6 @@ def start_four(
     t_max: Any,
 ) -> None:
     """Fill four states from four consecutive rays and the tree at address ``base``.
-
-    A ray is an open interval (max(tmin, 0), tmax) of o + t d. NaN anywhere, a zero or infinite direction, an origin
-    beyond 1e100, or an empty interval: no ray, it meets nothing.
 
     Parameters
     ----------
@@ -141,21 +170,14 @@ def start_four(
     t_min, t_max
         float64x4.
     """
-    ox, oy, oz = _four_vectors(origins, wide_o)
-    dx, dy, dz = _four_vectors(directions, wide_d)
+    ox, oy, oz = four_vectors(origins, wide_o)
+    dx, dy, dz = four_vectors(directions, wide_d)
+    valid, unit, fx, fy, fz, t_min, t_max = as_intervals(ox, oy, oz, dx, dy, dz, t_min, t_max)
     zero, one = _f64(0.0), _f64(1.0)
-    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
-    t_min = maximum(zero, t_min)  # a NaN stays
-    limit = _f64(LARGEST)
     infinite = _f64(_INF)
-    valid = (absolute(dx) < infinite) & (absolute(dy) < infinite) & (absolute(dz) < infinite) & (largest > zero)
-    valid = valid & (absolute(ox) <= limit) & (absolute(oy) <= limit) & (absolute(oz) <= limit) & (t_min < t_max)
     half = base + 8 * FRAME_HALF
     hx, hy, hz = _f64(load(_float64, half)), _f64(load(_float64, half + 8)), _f64(load(_float64, half + 16))
     valid = valid & (hx >= zero)  # negative: an empty tree
-    # tracer.rays.predicate.unit_of
-    unit = from_bits(maximum(_i64(1), _i64(2046) - ((to_bits(largest) >> 52) & _i64(2047))) << 52)
-    fx, fy, fz = dx * unit, dy * unit, dz * unit
     scale = _f64(load(_float64, base + 8 * FRAME_SCALE))
     centre = base + 8 * FRAME_CENTRE
     px = (ox - _f64(load(_float64, centre))) * scale
@@ -185,9 +207,6 @@ def start_four(
     rx, near_x, far_x, neg_x = _slab(px, fx, slop32)
     ry, near_y, far_y, neg_y = _slab(py, fy, slop32)
     rz, near_z, far_z, neg_z = _slab(pz, fz, slop32)
-    t_unit = one / unit
-    t_min = t_min * t_unit
-    t_max = minimum(minimum(t_max, _f64(_FINITE)) * t_unit, _f64(_FINITE))  # a t beyond float64 is no hit
     first = maximum(zero, (t_min * scale - entry) * (1.0 - 2.0**-21) - slack)
     last = (t_max * scale - entry) * s.UP + slack
     f_min, f_best = convert(_float32, first), convert(_float32, last)
@@ -244,12 +263,21 @@ def reach_of(base: int) -> Any:
 
 
 @inline
-def _coordinate(address: int, wide: int, k: int) -> Any:
+def coordinate(address: int, wide: int, k: int) -> Any:
+    """Load coordinate k of a row of three float64 (``wide``) or float32."""
     return load(_float64, address + 8 * k) if wide != 0 else _float64(load(_float32, address + 4 * k))
 
 
 @inline
-def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: int, scratch: int) -> None:
+def four_limits(t_min: int, step_min: int, t_max: int, step_max: int) -> Any:
+    """Return (tmin, tmax) of four rays, float64x4, from two addresses and the bytes from one ray's to the next."""
+    nearest = load(float64x4, t_min) if step_min != 0 else _f64(load(_float64, t_min))
+    farthest = load(float64x4, t_max) if step_max != 0 else _f64(load(_float64, t_max))
+    return nearest, farthest
+
+
+@inline
+def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: int, listed: int, scratch: int) -> None:
     """Start rays i .. i + count, 1 to 4 of them; behind the last come rays that meet nothing.
 
     Parameters
@@ -260,25 +288,27 @@ def start_rays(states: int, base: int, reach: float, rays: Any, i: int, count: i
         Tuple of int64: addresses of origins and directions, each followed by whether they are float64 (else float32),
         and addresses of tmin and tmax (float64), each followed by the bytes from one ray's to the next (8, or 0 where
         one serves all). Numbers, not arrays: one kernel serves every type.
+    listed
+        Address of int64, the rays' numbers, of which i .. i + count are meant; 0: the numbers are i .. i + count.
     scratch
-        Address of `SCRATCH_BYTES` for the last few rays: nothing is read beyond the arrays' ends.
+        Address of `SCRATCH_BYTES` for the last few rays, and for listed ones: nothing is read beyond the arrays' ends.
     """
     origins, wide_o, directions, wide_d, t_min, step_min, t_max, step_max = rays
-    o = origins + i * (12 << wide_o)
-    d = directions + i * (12 << wide_d)
-    first = t_min + step_min * i
-    last = t_max + step_max * i
-    if count < LANES:
+    o, d = origins + i * (12 << wide_o), directions + i * (12 << wide_d)
+    first, last = t_min + step_min * i, t_max + step_max * i
+    if count < LANES or listed != 0:
         for k in range(0, SCRATCH_BYTES, 32):
             store(scratch + k, _f64(0.0))
-        for k in range(3 * count):
-            store(scratch + 8 * k, _coordinate(o, wide_o, k))
-            store(scratch + 96 + 8 * k, _coordinate(d, wide_d, k))
         for k in range(count):
-            store(scratch + 192 + 8 * k, load(_float64, first + step_min * k))
-            store(scratch + 224 + 8 * k, load(_float64, last + step_max * k))
+            number = load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k
+            for axis in range(3):
+                value = coordinate(origins + number * (12 << wide_o), wide_o, axis)
+                store(scratch + 24 * k + 8 * axis, value)
+                value = coordinate(directions + number * (12 << wide_d), wide_d, axis)
+                store(scratch + 96 + 24 * k + 8 * axis, value)
+            store(scratch + 192 + 8 * k, load(_float64, t_min + step_min * number))
+            store(scratch + 224 + 8 * k, load(_float64, t_max + step_max * number))
         o, wide_o, d, wide_d = scratch, _int64(1), scratch + 96, _int64(1)
         first, step_min, last, step_max = scratch + 192, _int64(8), scratch + 224, _int64(8)
-    nearest = load(float64x4, first) if step_min != 0 else _f64(load(_float64, first))
-    farthest = load(float64x4, last) if step_max != 0 else _f64(load(_float64, last))
+    nearest, farthest = four_limits(first, step_min, last, step_max)
     start_four(states, base, reach, o, wide_o, d, wide_d, nearest, farthest)

@@ -154,10 +154,27 @@ def trace_stream(
     tree: Any, rays: Any, start: int, end: int, mode: int, out_t: Any, out_primitive: Any, out_u: Any, out_v: Any
 ) -> None:
     """Answer rays start..end, many in flight; parameters as :func:`tracer.rays.single.trace_single`."""
-    base = address_of(tree)
+    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
+    follow(address_of(tree), rays, _int64(0), start, end, mode, outputs)
+
+
+@kernel
+def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, outputs: Any) -> None:
+    """Answer rays, many in flight.
+
+    Parameters
+    ----------
+    base
+        Address of the tree.
+    rays, mode
+        As for :func:`tracer.rays.single.trace_single`.
+    listed
+        Address of int64, the rays' numbers, of which start .. end are meant; 0: the numbers are start .. end.
+    outputs
+        Addresses of what :func:`tracer.rays.single.trace_single` writes.
+    """
     wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
     reach = reach_of(base)
-    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     states = stack_memory(_ALL_STATES_BYTES)
     stacks = stack_memory(_ALL_STACKS_BYTES)
     nodes = stack_memory(_LIST_BYTES)
@@ -181,11 +198,11 @@ def trace_stream(
         while i < end and free_end >= free + 8 * LANES:
             free_end -= 8 * LANES
             count = min(end - i, LANES)
-            start_rays(free_end, base, reach, rays, i, count, rest)
+            start_rays(free_end, base, reach, rays, i, count, listed, rest)
             for k in range(count):
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
-                store(state + s.RAY_INDEX, i + k)
+                store(state + s.RAY_INDEX, load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k)
                 nodes_end, leaves_end = _enlist(load(_int64, state + s.NODE), state, nodes_end, leaves_end)
             i += count
         if nodes_end == nodes and leaves_end == leaves:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from tracer.rays import RayCaster
-from tracer.rays import caster as caster_module
 from tracer.rays.caster import CHUNK, Hits, checked_rays
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
 from tracer.rays.single import trace_single
-from tracer.rays.stream import IN_FLIGHT, trace_stream
+from tracer.rays.stream import IN_FLIGHT, follow, trace_stream
 
 PATHS = {"single": trace_single, "stream": trace_stream}
 
@@ -161,23 +160,28 @@ def test_from_far_away_with_a_long_direction():
                 assert (hits.primitive > 0).all()
 
 
-def test_chunks_take_their_own_paths(monkeypatch):
-    """Whatever is chosen for each chunk, and however the chunks are spread over threads: the same answers."""
+def test_chunks_on_threads():
+    """However the chunks are spread over threads: the same answers."""
     vertices, faces = bumpy(16)
     caster = RayCaster(vertices, faces)
     rng = np.random.default_rng(46)
     n = 3 * CHUNK + 100
     origins, directions = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     reference = caster.closest_hit(origins, directions)
-    chosen = []
+    for one, other in zip(reference, caster.closest_hit(origins, directions, threads=2), strict=True):
+        np.testing.assert_array_equal(one, other)
 
-    def alternate(_rays, start, end, _bvh):
-        chosen.append((start, end))
-        return trace_single if start // CHUNK % 2 else trace_stream
 
-    monkeypatch.setattr(caster_module, "choose_path", alternate)
-    for threads in (1, 2):
-        hits = caster.closest_hit(origins, directions, threads=threads)
-        for one, other in zip(reference, hits, strict=True):
-            np.testing.assert_array_equal(one, other)
-    assert chosen[:4] == [(0, CHUNK), (CHUNK, 2 * CHUNK), (2 * CHUNK, 3 * CHUNK), (3 * CHUNK, n)]
+def test_listed_rays():
+    """The stream answers those of a list, in its order, and touches no others."""
+    vertices, faces = bumpy(16)
+    caster = RayCaster(vertices, faces)
+    rays = checked_rays(*adversarial(vertices, faces, 500, np.random.default_rng(47)))
+    plain = answers(trace_single, caster, rays)
+    listed = np.random.default_rng(48).permutation(500)[:333].astype(np.int64)
+    hits = Hits(np.full(500, -7.0), np.full(500, -7, np.int32), np.full(500, -7.0), np.full(500, -7.0))
+    outputs = tuple(array.ctypes.data for array in hits)
+    follow(caster.bvh.buffer.ctypes.data, rays.packed, listed.ctypes.data, 3, 333, CLOSEST, outputs)
+    for one, other in zip(plain[:4], hits, strict=True):
+        np.testing.assert_array_equal(one[listed[3:]], other[listed[3:]])
+        assert (np.delete(other, listed[3:]) == -7).all()

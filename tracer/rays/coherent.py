@@ -1,0 +1,153 @@
+"""Rays of a batch in tiles, as long as that is faster; the others many in flight.
+
+Invariant: the answers of :mod:`tracer.rays.single`, bit for bit, in whatever company a ray travels.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from tracer.accel.layout import FRAME_SCALE
+from tracer.jit import inline, kernel
+from tracer.rays.leaf import CLOSEST
+from tracer.rays.rows import AXIS, INTEGERS, LANES, ORIGIN, PACKET, ROW, SHEAR, STEP, VECTOR, VECTORS
+from tracer.rays.stream import follow
+from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, prepare_tile, ray_of, start_tile
+from tracer.rays.tile_trace import trace_tile
+from tracer.simd import (
+    absolute,
+    address_of,
+    count_trailing_zeros,
+    load,
+    mask_to_bits,
+    maximum,
+    population_count,
+    splat,
+    store,
+)
+from tracer.simd.gateway import types
+
+_float64: Final = types.float64
+_int64: Final = types.int64
+
+SIDE: Final = 8  # of a tile of a picture
+WAITING: Final = 4096  # rays that travel alone, from which they set out
+_NEAR: Final = 0.25  # of origins, in frame units (the scene is 1 to 2 wide)
+_ALIKE: Final = 0.125  # of slopes
+_FEWEST: Final = 16  # rays that travel together
+_PATIENCE: Final = 20  # work a ray after which a tile is given up
+_LONGEST: Final = 15  # tiles that are not tried after several in a row were given up
+
+
+@inline
+def _companions(tile: int, lanes: int, near: float) -> Any:
+    """Return the rays of a set that go well with its first one."""
+    first = count_trailing_zeros(lanes)
+    ray = tile + 8 * first
+    axis = splat(INTEGERS, load(_int64, ray + AXIS))
+    x, y = splat(VECTOR, load(_float64, ray + ORIGIN)), splat(VECTOR, load(_float64, ray + ORIGIN + ROW))
+    z = splat(VECTOR, load(_float64, ray + ORIGIN + 2 * ROW))
+    sx, sy = splat(VECTOR, load(_float64, ray + SHEAR)), splat(VECTOR, load(_float64, ray + SHEAR + ROW))
+    chosen = _int64(0)
+    reach, alike = splat(VECTOR, near), splat(VECTOR, _ALIKE)
+    for i in range(VECTORS):
+        at = tile + STEP * i
+        apart = maximum(absolute(load(VECTOR, at + ORIGIN) - x), absolute(load(VECTOR, at + ORIGIN + ROW) - y))
+        apart = maximum(apart, absolute(load(VECTOR, at + ORIGIN + 2 * ROW) - z))
+        turned = maximum(absolute(load(VECTOR, at + SHEAR) - sx), absolute(load(VECTOR, at + SHEAR + ROW) - sy))
+        good = mask_to_bits((apart <= reach) & (turned <= alike) & (load(INTEGERS, at + AXIS) == axis))
+        chosen |= good << (LANES * i)
+    return (chosen & lanes) | (_int64(1) << first)
+
+
+@kernel
+def _trace(
+    base: int, rays: Any, start: int, end: int, mode: int, width: int, outputs: Any, tile: int, alone: int
+) -> None:
+    """See `trace_coherent`; ``tile`` and ``alone`` are addresses of TILE_BYTES and of WAITING + PACKET int64."""
+    prepare_tile(tile)
+    near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
+    closest = _int64(1 if mode == CLOSEST else 0)
+    n_alone = _int64(0)
+    pause = skipped = _int64(0)
+    tall = width >= SIDE and end - start >= SIDE * width
+    rows = (end - start) // width if tall else 0
+    columns = (width + SIDE - 1) // SIDE if tall else 0
+    in_rows = ((rows + SIDE - 1) // SIDE) * columns
+    strips = (end - start - rows * width + PACKET - 1) // PACKET
+    for number in range(in_rows + strips):
+        if number < in_rows:
+            band, column = number // columns, number % columns
+            # the last ones overlap those before: whoever comes second writes the same
+            first = start + min(band * SIDE, rows - SIDE) * width + min(column * SIDE, width - SIDE)
+            across, shift = width, _int64(1)
+        else:
+            first = start + rows * width + (number - in_rows) * PACKET
+            across, shift = _int64(0), _int64(4)
+            if first + PACKET > end:
+                if end - start < PACKET:
+                    break
+                first = end - PACKET
+        rest = _int64(-1)
+        if skipped < pause:
+            skipped += 1
+        else:
+            left = start_tile(tile, rays, first, across, shift)
+            if mode == CLOSEST:
+                expect_outputs(outputs, first, across, shift)
+            met = rest = _int64(0)
+            while left != 0:
+                chosen = _companions(tile, left, near)
+                left &= ~chosen
+                count = population_count(chosen)
+                if count < _FEWEST:
+                    rest |= chosen
+                    continue
+                hit, lost = trace_tile(base, tile, chosen, closest, _PATIENCE * count)
+                met |= hit
+                rest |= lost
+            if mode == CLOSEST:
+                finish_closest(tile, outputs, first, across, shift)
+            else:
+                finish_any(met, outputs, first, across, shift)
+            skipped = _int64(0)
+            pause = min(2 * pause + 1, _LONGEST) if 2 * population_count(rest) > PACKET else _int64(0)
+        while rest != 0:
+            k = count_trailing_zeros(rest)
+            rest &= rest - 1
+            store(alone + 8 * n_alone, ray_of(k // LANES, first, across, shift) + k % LANES)
+            n_alone += 1
+        if n_alone >= WAITING:
+            follow(base, rays, alone, _int64(0), n_alone, mode, outputs)
+            n_alone = _int64(0)
+    if n_alone > 0:
+        follow(base, rays, alone, _int64(0), n_alone, mode, outputs)
+    if end - start < PACKET:
+        follow(base, rays, _int64(0), start, end, mode, outputs)
+
+
+@kernel
+def trace_coherent(
+    tree: Any,
+    rays: Any,
+    start: int,
+    end: int,
+    mode: int,
+    out_t: Any,
+    out_primitive: Any,
+    out_u: Any,
+    out_v: Any,
+    width: int,
+) -> None:
+    """Answer rays start..end in tiles; parameters as :func:`tracer.rays.single.trace_single`, without COUNT.
+
+    Parameters
+    ----------
+    width
+        Rays from one row of a picture to the next; less than SIDE: no picture, tiles are 64 rays in a row.
+    """
+    tile = np.empty(TILE_BYTES // 8 + 8)
+    alone = np.empty(WAITING + PACKET, np.int64)
+    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
+    _trace(address_of(tree), rays, start, end, mode, width, outputs, (address_of(tile) + 63) & ~63, address_of(alone))
+    tile[0] = alone[0] = 0  # used to the end: numba frees an array after its last use
