@@ -1,7 +1,7 @@
 """The compiled scene as a kernel sees it: pointers instead of arrays."""
 
 from tracer.jit import inline, pointer
-from tracer.types import CompiledScene, SceneView
+from tracer.types import PLACEMENT_END, CompiledScene, SceneView
 
 
 @inline
@@ -35,13 +35,19 @@ def view_scene(scene: CompiledScene) -> SceneView:
         pointer(scene.texels),
         pointer(scene.lights),
         pointer(scene.light_kind),
-        pointer(scene.tree),
+        pointer(scene.trees),
+        pointer(scene.placements),
+        pointer(scene.placement_maps),
+        pointer(scene.top_bounds),
+        pointer(scene.top_children),
+        pointer(scene.top_slots),
         pointer(scene.bvh_bounds),
         pointer(scene.bvh_children),
         pointer(scene.bvh_slots),
         pointer(scene.bvh_root),
-        scene.face_vertices.shape[0],
+        scene.placements[-1, PLACEMENT_END],
         scene.shape_kind.shape[0],
         scene.plane_material.shape[0],
         scene.light_kind.shape[0],
+        scene.placements.shape[0],
     )

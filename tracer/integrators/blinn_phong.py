@@ -24,8 +24,8 @@ from tracer.geometry.vector import add, at, is_black, multiply, scale
 from tracer.integrators.bounces import make_bounces, take_bounces
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
-from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import CLOSEST, SHADE
+from tracer.rays.placed import trace_scene
 from tracer.rays.rows import (
     ALL,
     INTEGERS,
@@ -119,7 +119,7 @@ def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) 
 def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
-    trace_bundle(scratch.tree, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_scene(view, scratch.trees, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
     if view.n_shapes + view.n_planes > 0:
         _meet_shapes(view, scratch, lanes)
     met = _int64(0)
@@ -137,8 +137,9 @@ def _light_hits(view: SceneView, scratch: Scratch, lanes: int) -> None:
         lit = face_light(view, light, scratch.hits, scratch.shadows, lanes, scratch.counters)
         if view.settings[SETTING_SHADOWS] != 0 and lit != 0:
             scratch.counters[_SHADOW_RAYS] += population_count(lit)
-            lit &= ~trace_bundle(
-                scratch.tree,
+            lit &= ~trace_scene(
+                view,
+                scratch.trees,
                 scratch.shadows,
                 lit,
                 int64(SHADE),
