@@ -80,7 +80,7 @@ _DIRECTION: Final = 0  # rows beside the packet: direction x, y, z
 _INVERSE: Final = 3 * ROW  # and its inverses
 _WAY_BYTES: Final = 6 * ROW
 _OWN_BYTES: Final = RAY_ROWS * ROW
-_ENTRY: Final = 24  # bytes of a postponed child: index, count, set of rays
+_ENTRY: Final = 32  # bytes of a postponed child: index, count, set of rays, placements that were traced before
 _STACK_BYTES: Final = _ENTRY * (MAX_DEPTH + 4)
 
 
@@ -251,11 +251,12 @@ def _trace_placement(
 
 
 @inline
-def _postpone(top: int, index: int, count: int, lanes: int) -> int:
+def _postpone(top: int, index: int, count: int, lanes: int, traced: int) -> int:
     """Put a child on the stack; returns the new top."""
     store(top, _int64(index))
     store(top + 8, _int64(count))
     store(top + 16, lanes)
+    store(top + 24, traced)
     return top + _ENTRY
 
 
@@ -270,6 +271,15 @@ def _meet_child(
     high = Vec3(bounds[i + 2], bounds[i + 6], bounds[i + 10])
     size = max(abs(low.x), abs(low.y), abs(low.z), abs(high.x), abs(high.y), abs(high.z))
     return _meet_box(packet, ways, lanes, low, high, skew * (reach + size))
+
+
+@inline
+def _meet_placement(view: SceneView, packet: int, ways: int, lanes: int, placement: int, reach: float) -> Any:
+    """Return the rays that meet a placement's box."""
+    i = N_MAP * placement
+    low, high = at(view.placement_maps, i + MAP_BOX), at(view.placement_maps, i + MAP_BOX + 3)
+    size = max(abs(low.x), abs(low.y), abs(low.z), abs(high.x), abs(high.y), abs(high.z))
+    return _meet_box(packet, ways, lanes, low, high, view.placement_maps[i + MAP_PAD] * (reach + size))[0]
 
 
 @kernel
@@ -296,36 +306,31 @@ def trace_placements(
     own, ways, stack = stack_memory(_OWN_BYTES), stack_memory(_WAY_BYTES), stack_memory(_STACK_BYTES)
     reach = _survey(packet, lanes, ways)
     skew = view.placement_maps[MAP_TOP_PAD]
-    ended = _int64(0)
-    top = _postpone(stack, 0, 0, lanes)
+    ended, traced = _int64(0), _int64(0)
+    top = _postpone(stack, 0, 0, lanes, traced)
     while top > stack:
         top -= _ENTRY
         index, count = load(_int64, top), load(_int64, top + 8)
         lanes = load(_int64, top + 16) & ~ended
-        if lanes == 0:
-            continue
-        if count == 0:
+        if lanes != 0 and count == 0:
             met0, near0 = _meet_child(view, packet, ways, lanes, index, 0, reach, skew)
             met1, near1 = _meet_child(view, packet, ways, lanes, index, 1, reach, skew)
             child0, count0 = view.top_children[4 * index], view.top_children[4 * index + 1]
             child1, count1 = view.top_children[4 * index + 2], view.top_children[4 * index + 3]
             if met1 != 0 and near0 <= near1:
-                top = _postpone(top, child1, count1, met1)
+                top = _postpone(top, child1, count1, met1, traced)
             if met0 != 0:
-                top = _postpone(top, child0, count0, met0)
+                top = _postpone(top, child0, count0, met0, traced)
             if met1 != 0 and not near0 <= near1:
-                top = _postpone(top, child1, count1, met1)
-            continue
-        for slot in range(index, index + count):
-            placement = _int64(view.top_slots[slot])
-            i = N_MAP * placement + MAP_BOX
-            low, high = at(view.placement_maps, i), at(view.placement_maps, i + 3)
-            size = max(abs(low.x), abs(low.y), abs(low.z), abs(high.x), abs(high.y), abs(high.z))
-            pad = view.placement_maps[N_MAP * placement + MAP_PAD] * (reach + size)
-            met, _near = _meet_box(packet, ways, lanes & ~ended, low, high, pad)
-            if met != 0:
+                top = _postpone(top, child1, count1, met1, traced)
+        elif lanes != 0:
+            placement = _int64(view.top_slots[index])
+            if load(_int64, top + 24) != traced:  # since then some rays may have met something nearer
+                lanes = _meet_placement(view, packet, ways, lanes, placement, reach)
+            if lanes != 0:
+                traced += 1
                 ended |= _trace_placement(
-                    view, trees, placement, packet, ways, own, met, mode, kt, face_material, stride
+                    view, trees, placement, packet, ways, own, lanes, mode, kt, face_material, stride
                 )
     return ended
 

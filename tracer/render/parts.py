@@ -27,8 +27,8 @@ from tracer.scene.limits import MAX_COORDINATE
 
 _SHARED_TRIANGLES: Final = 4_096
 """From so many on a mesh may share a tree: below, moving 64 rays costs more than the smaller memory gains."""
-_SAVED_TRIANGLES: Final = 65_536
-"""So many must be saved by it: below, one tree over everything is small enough, and faster."""
+_SAVED_TRIANGLES: Final = 2**18
+"""So many must be saved by it, some 40 MB: below, one tree over everything is small enough, and faster."""
 _MOST_SKEW: Final = 2.0**20
 _RESOLVED: Final = 2.0**18
 _GAP: Final = 0.25  # share of the frame: across wider gaps meshes are parted, and smaller ones taken from larger ones

@@ -214,14 +214,19 @@ def _fill_triangle(
         weight_1, weight_2 = weight_2, weight_1
     p0, p1, p2 = at(view.vertex_positions, 3 * i0), at(view.vertex_positions, 3 * i1), at(view.vertex_positions, 3 * i2)
     n0, n1, n2 = at(view.vertex_normals, 3 * i0), at(view.vertex_normals, 3 * i1), at(view.vertex_normals, 3 * i2)
+    normal = cross(subtract(p1, p0), subtract(p2, p0))
     more = Vec3(0.0, 0.0, 0.0)  # error of a point, beside what follows from its world coordinates
     if moved != 0:
-        map_at = abs(moved) - 1
-        p0, p1, p2 = _to_world(view, map_at, p0), _to_world(view, map_at, p1), _to_world(view, map_at, p2)
-        n0 = transform_transposed(view.placement_maps, map_at + MAP_TO_OBJECT, n0)
-        n1 = transform_transposed(view.placement_maps, map_at + MAP_TO_OBJECT, n1)
-        n2 = transform_transposed(view.placement_maps, map_at + MAP_TO_OBJECT, n2)
-        more = at(view.placement_maps, map_at + MAP_ERROR)
+        place = abs(moved) - 1
+        p0, p1, p2 = _to_world(view, place, p0), _to_world(view, place, p1), _to_world(view, place, p2)
+        n0 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n0)
+        n1 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n1)
+        n2 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n2)
+        # from the edges in the object's space, which the place in the world does not round
+        normal = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, normal)
+        if moved < 0:
+            normal = negate(normal)
+        more = at(view.placement_maps, place + MAP_ERROR)
     e1, e2 = subtract(p1, p0), subtract(p2, p0)
     # error: gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this
     # triangle's and its neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the
@@ -235,7 +240,7 @@ def _fill_triangle(
         _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach + more.z,
     )
     errors = spread(error)
-    normal = normalize(cross(e1, e2))
+    normal = normalize(normal)
     flags = int64(view.face_flags[face])
     two_sided = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
     texture = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE])
