@@ -108,7 +108,7 @@ def _survey(packet: int, lanes: int, ways: int) -> float:
         mask = mask_of(lanes, i)
         for k in range(3):
             size = absolute(load(VECTOR, ray + ORIGIN + k * ROW))
-            reach = maximum(reach, select(mask, size, reach))
+            reach = maximum(select(mask, size, reach), reach)  # in this order a NaN does not count
         store(way + _DIRECTION, directions.x)
         store(way + _DIRECTION + ROW, directions.y)
         store(way + _DIRECTION + 2 * ROW, directions.z)
