@@ -102,13 +102,23 @@ def convex(n, rng):
     return vertices, np.concatenate(faces).astype(np.int32)
 
 
+def grid(n, linear, rng):
+    """A flat mesh, across the direction in which a map stretches most: what strays meets one of its other triangles."""
+    x, y = np.meshgrid(np.sort(rng.uniform(-1, 1, n)), np.sort(rng.uniform(-1, 1, n)), indexing="ij")
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    plane = np.linalg.svd(linear)[2][1:]
+    return np.stack([x.ravel(), y.ravel()], 1) @ plane, faces.astype(np.int32)
+
+
 def leave_placements(cases, rng):
     """Rays that leave placed convex meshes: (rays, met again, met again where the face is not named)."""
     total = again = bare = 0
-    for number in range(max(4, cases // 300)):
-        vertices, faces = convex(24, rng)
+    for number in range(max(20, cases // 300)):
         linear = random_turn(rng) @ np.diag(10.0 ** rng.uniform(-3, 3, 3)) @ random_turn(rng)
         linear = linear * 10.0 ** rng.uniform(-6, 6) * (-1.0) ** number
+        vertices, faces = convex(24, rng) if number % 4 < 2 else grid(6, linear, rng)
         size = np.abs(linear).max()
         shift = rng.standard_normal(3) * size * rng.choice([0.0, 1.0, 1e4])
         away = rows_of(np.eye(3) * size, [1e12 * (size + np.abs(shift).max()), 0, 0])
