@@ -1,10 +1,10 @@
 """N11: instances under shear, scales of 1e-6 to 1e6, mirrors and up to four steps: distance, point, normals, side.
 
 A map is made of up to four steps of the scene document, composed by the document's own arithmetic; the truth is their
-exact composition. With kappa = ||S1| .. |Sn||  ||inverse|| (sizes of the steps' linear parts, largest row sums), errors are
-counted in eps kappa, eps = 2**-53: of the hit along the true normal, relative to the coordinates that it is computed
-from; of unit normals absolutely, of the geometric one beside what its triangle's shape costs, |e1| |e2| / |e1 x e2|.
-Oracle: exact rationals, roots in mpmath. The same for baked meshes in the note.
+exact composition. With kappa = ||S1| .. |Sn|| ||inverse|| (sizes of the steps' linear parts, largest row sums), errors
+are counted in eps kappa, eps = 2**-53: of the hit along the true normal, relative to what it is computed from (corners,
+the origin as seen from the place, the way); of unit normals absolutely, the geometric one beside what its triangle's
+shape costs, |e1| |e2| / |e1 x e2|. Oracle: exact rationals, roots in mpmath. The same for baked meshes in the note.
 """
 
 from fractions import Fraction
@@ -68,6 +68,10 @@ def dot(a, b):
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
+def minus(a, b):
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
 def cross(a, b):
     return [a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3] for k in range(3)]
 
@@ -90,7 +94,7 @@ def draw(rng):
         sizes = product(exact(np.abs(linear)), sizes)
     c, determinant = cofactors([row[:3] for row in truth[:3]])
     inverse = [[c[j][i] / determinant for j in range(3)] for i in range(3)]
-    return rows, truth, norm(sizes) * norm(inverse), norm(inverse)
+    return rows, truth, norm(sizes) * norm(inverse)
 
 
 def errors_of(scene, faces, corners, given, truth, kappa, shape, origins, directions):
@@ -110,29 +114,21 @@ def errors_of(scene, faces, corners, given, truth, kappa, shape, origins, direct
     worst, wrong = np.zeros(3), 0
     for n, ray in enumerate(k):
         a, b, c = (corners[i] for i in faces[hits.primitive[ray] % len(faces)])
-        normal = [
-            sign * x
-            for x in cross([y - x for x, y in zip(a, b, strict=True)], [y - x for x, y in zip(a, c, strict=True)])
-        ]
+        normal = [sign * x for x in cross(minus(b, a), minus(c, a))]
         o, d = [Fraction(x) for x in origins[ray]], [Fraction(x) for x in directions[ray]]
-        n_unit = unit(normal)
-        t = dot(normal, [y - x for x, y in zip(o, a, strict=True)]) / dot(normal, d)
-        along = abs(float(Fraction(hits.t[ray]) - t)) * abs(
-            float(sum(x * float(y) for x, y in zip(n_unit, d, strict=True)))
-        )
-        size = max(float(abs(x)) for p in (a, b, c) for x in p) + max(
-            abs(float(x - y)) for x, y in zip(o, place_of, strict=True)
-        )
-        off = abs(
-            float(sum(x * mpmath.mpf(float(Fraction(p) - y)) for x, p, y in zip(n_unit, points[n], a, strict=True)))
-        )
-        wanted = [sign * dot(row, given) for row in transposed]
-        for kind, (found, true) in enumerate(((geometric[n], n_unit), (shading[n], unit(wanted)))):
-            error = max(abs(float(x - mpmath.mpf(float(y)))) for x, y in zip(true, found, strict=True))
-            worst[1 + kind] = max(worst[1 + kind], error / (EPS * kappa * (1.0 if kind else shape)))
-        worst[0] = max(worst[0], (along + off) / 2 / (EPS * kappa * size))
-        facing = dot(normal, d)  # given leans to the outside
-        wrong += bool(behind[n]) != (facing > 0)
+        across = unit(normal)
+        t = dot(normal, minus(a, o)) / dot(normal, d)
+        strays = abs(float(Fraction(hits.t[ray]) - t) * float(dot(across, [float(x) for x in d])))
+        off = abs(float(dot(across, [float(x) for x in minus([Fraction(x) for x in points[n]], a)])))
+        size = max(float(abs(x)) for p in (a, b, c) for x in p) + max(float(abs(x)) for x in minus(o, place_of))
+        size += max(abs(float(t * x)) for x in d)
+        worst[0] = max(worst[0], max(strays, off) / (EPS * kappa * size))
+        smooth = across if given is None else unit([sign * dot(row, given) for row in transposed])
+        for kind, (found, true) in enumerate(((geometric[n], across), (shading[n], smooth))):
+            error = max(abs(float(x - float(y))) for x, y in zip(true, found, strict=True))
+            condition = kappa * (shape if kind == 0 or given is None else 1.0)
+            worst[1 + kind] = max(worst[1 + kind], error / (EPS * condition))
+        wrong += bool(behind[n]) != (dot(normal, d) > 0)
     return worst, wrong, len(k)
 
 
@@ -142,33 +138,27 @@ def run(cases, seed=11):
     worst, bare = np.zeros(3), np.zeros(3)
     greatest = 0.0
     while total < cases:
-        rows, truth, kappa, _ = draw(rng)
-        vertices = rng.standard_normal((4, 3))
-        faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-        if np.linalg.det(vertices[1:] - vertices[0]) > 0:
-            faces = faces[:, ::-1]
+        rows, truth, kappa = draw(rng)
         greatest = max(greatest, kappa)
-        e = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
-        # one face's normal for all of its vertices, and that face alone, so that the interpolated one is known
-        face = rng.integers(0, 4)
-        one = (vertices[faces[face]], np.array([[0, 1, 2]]))
-        given = e[face] / np.linalg.norm(e[face])
-        shape = np.linalg.norm(one[0][1] - one[0][0]) * np.linalg.norm(one[0][2] - one[0][0]) / np.linalg.norm(e[face])
+        vertices, faces = rng.standard_normal((3, 3)), np.array([[0, 1, 2]])
+        e1, e2 = vertices[1:] - vertices[0]
+        area = np.linalg.norm(np.cross(e1, e2))
+        shape = np.linalg.norm(e1) * np.linalg.norm(e2) / area
+        smooth = rng.random() < 0.5  # else the triangle's own normal says which side is which
+        normal = np.cross(e1, e2) / area
         far = rows_of(np.eye(3), [1e30, 0, 0])
-        placed = place([one], [(0, rows), (0, far)], normals=[np.tile(given, (3, 1))])
-        corners = [[dot(row[:3], [Fraction(x) for x in v]) + row[3] for row in truth[:3]] for v in one[0]]
+        normals = [np.tile(normal, (3, 1))] if smooth else None
+        placed = place([(vertices, faces)], [(0, rows), (0, far)], normals=normals)
+        given = [Fraction(x) for x in normal] if smooth else None
+        corners = [[dot(row[:3], [Fraction(x) for x in v]) + row[3] for row in truth[:3]] for v in vertices]
         world = np.array([[float(x) for x in p] for p in corners])
         aims = rng.dirichlet((1, 1, 1), RAYS) @ world
         size = np.abs(world - world.mean(0)).max()
         origins = aims + rng.standard_normal((RAYS, 3)) * size * 10.0 ** rng.uniform(-1, 1, (RAYS, 1))
-        rays = (origins, aims - origins)
-        found, sides, n = errors_of(
-            placed.scene, one[1], corners, [Fraction(x) for x in given], truth, kappa, shape, *rays
-        )
+        case = (faces, corners, given, truth, kappa, shape, origins, aims - origins)
+        found, sides, n = errors_of(placed.scene, *case)
         worst, wrong, total = np.maximum(worst, found), wrong + sides, total + max(n, 1)
-        found, sides, _ = errors_of(
-            placed.baked, one[1], corners, [Fraction(x) for x in given], truth, kappa, shape, *rays
-        )
+        found, sides, _ = errors_of(placed.baked, *case)
         bare, bare_wrong = np.maximum(bare, found), bare_wrong + sides
     names = ("point", "geometric normal", "shading normal")
     note = ", ".join(f"{name} {x:.2g}" for name, x in zip(names, worst, strict=True))
