@@ -92,7 +92,9 @@ def build_parts(meshes: Sequence[MeshRecord], build: Callable[..., NDArray[np.in
     for number, part in enumerate(stored):
         n_vertices, n_faces = sum(len(mesh.positions) for mesh in part), sum(len(mesh.faces) for mesh in part)
         vertices = arrays["vertex_positions"][vertex : vertex + n_vertices]
-        faces = arrays["face_vertices"][face : face + n_faces] - np.int32(vertex)
+        faces = arrays["face_vertices"][face : face + n_faces]
+        if vertex:
+            faces = faces - np.int32(vertex)
         trees.append(build(vertices, faces))
         if number < len(clusters):
             placements.append(Placement(number, n_faces, face, material, bounds=bounds_of(vertices, faces)))

@@ -9,7 +9,7 @@ from compile_scenes import document, sha256
 
 from tests.tracer.accel.meshes import icosphere
 from tests.tracer.rays.placements import random_turn, rows_of
-from tracer.render import parts, render_compiled
+from tracer.render import compile_cached, get_backend, parts, render_compiled
 from tracer.render.compile import compile_scene
 
 TILES = Path(__file__).parents[3] / "scenes" / "assets" / "tiles.png"
@@ -139,3 +139,24 @@ def test_a_cloud_of_instances_over_nothing_skips_no_pixel_of_them(tmp_path, both
     one, other = render_compiled(shared), render_compiled(baked)
     np.testing.assert_array_equal(one.pixels, other.pixels)
     assert one.counters["pixels_skipped_background"] > 0.9 * other.counters["pixels_skipped_background"] > 500
+
+
+def test_placements_come_back_from_the_cache(tmp_path, both, monkeypatch):
+    """Mapped from a file, the scene gives the same picture; another scene of the same model finds its tree."""
+    scene = crowd(tmp_path, np.random.default_rng(5), size=32)
+    (shared, _), _ = both(scene)
+    monkeypatch.setattr(parts, "_SHARED_TRIANGLES", 100)
+    monkeypatch.setattr(parts, "_SAVED_TRIANGLES", 100)
+    monkeypatch.setattr("tracer.render.cache._MIN_CACHED_BVH_TRIANGLES", 100)
+    resolve = lambda ref: tmp_path / ref.file  # noqa: E731
+    compile_cached(scene, resolve, tmp_path / "cache", get_backend())
+    mapped, stats = compile_cached(scene, resolve, tmp_path / "cache", get_backend())
+    assert stats.from_cache
+    assert stats.n_placements == 9
+    np.testing.assert_array_equal(render_compiled(mapped).pixels, render_compiled(shared).pixels)
+    trees = list((tmp_path / "cache" / "bvh").iterdir())
+    monkeypatch.setattr("tracer.render.cache.build_tree", lambda *_: pytest.fail("a tree was built again"))
+    moved = scene.model_copy(update={"objects": scene.objects[2:5]})
+    _, stats = compile_cached(moved, resolve, tmp_path / "cache", get_backend())
+    assert stats.n_placements == 3
+    assert list((tmp_path / "cache" / "bvh").iterdir()) == trees
