@@ -10,8 +10,10 @@ from client.formats import format_bytes, format_count, format_duration, format_p
 from client.terminal import Terminal
 
 SKIPPED_NAMES: Mapping[str, str] = {
+    "primary_rays_skipped_shared": "camera rays that one beam spoke for",
     "shadow_rays_skipped_facing": "shadow rays to lights behind the surface",
     "shadow_rays_skipped_black": "shadow rays that could add nothing",
+    "shadow_rays_skipped_shared": "shadow rays that one beam spoke for",
     "bounces_skipped_depth": "bounces beyond the greatest depth",
     "bounces_skipped_throughput": "bounces too faint to see",
     "pixels_skipped_background": "pixels that see only the background",

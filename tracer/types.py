@@ -27,12 +27,14 @@ CHANNELS: Final = ("R", "G", "B")
 # --- counters -------------------------------------------------------------------------------------------------------
 COUNTERS: Final[tuple[str, ...]] = (
     "samples",  # image samples taken
-    "primary_rays",  # camera rays traced
+    "primary_rays",  # camera rays
     "shadow_rays",  # shadow rays traced
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
     "transmission_rays",  # rays traced along eq. 18
+    "primary_rays_skipped_shared",  # of these, not traced: one beam showed which face all of a wave meet
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
+    "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a wave are lit, or all are dark
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
@@ -241,6 +243,8 @@ class CompiledScene(NamedTuple):
 
 class SceneView(NamedTuple):
     """The compiled scene inside a kernel: flat pointers (see :func:`tracer.jit.pointer`) and the lengths.
+
+    Compiled, it is one address (:mod:`tracer.accel.view`).
 
     Fields are named as in :class:`CompiledScene`; element ``[row, column]`` is ``field[n_columns * row + column]``.
     """

@@ -22,9 +22,11 @@ from typing import Any, Final
 from tracer.accel.traverse import closest_shape, shade_by_shapes
 from tracer.geometry.vector import add, at, is_black, multiply, scale
 from tracer.integrators.bounces import make_bounces, take_bounces
+from tracer.integrators.corners import Seen, nothing_seen
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
-from tracer.rays.packet import CLOSEST, SHADE
+from tracer.rays.packet import CLOSEST, FROM_POINT, SHADE, TO_POINT
+from tracer.rays.packet_leaf import meet_known
 from tracer.rays.placed import trace_scene
 from tracer.rays.rows import (
     ALL,
@@ -52,13 +54,16 @@ from tracer.shading.surfaces import fill_surfaces
 from tracer.simd import count_trailing_zeros, load, mask_to_bits, population_count, splat, store
 from tracer.simd.gateway import types
 from tracer.types import (
+    CAMERA_VIEW_PLANE,
     COUNTERS,
     LIGHT_AMBIENT,
+    LIGHT_KIND_DIRECTIONAL,
     MATERIAL_A,
     MATERIAL_B,
     MATERIAL_C,
     N_LIGHT,
     N_MATERIAL,
+    SETTING_CAMERA,
     SETTING_SHADOWS,
     SceneView,
     Vec3,
@@ -67,6 +72,8 @@ from tracer.types import (
 _float64: Final = types.float64
 _int64: Final = types.int64
 
+_PRIMARY_SHARED: Final = COUNTERS.index("primary_rays_skipped_shared")
+_SHADOW_SHARED: Final = COUNTERS.index("shadow_rays_skipped_shared")
 _SHADOW_RAYS: Final = COUNTERS.index("shadow_rays")
 
 
@@ -116,10 +123,14 @@ def _shade_by_shapes(view: SceneView, scratch: Scratch, light: int, lanes: int) 
 
 
 @inline
-def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
+def _find_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int, mode: int) -> Any:
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
-    trace_scene(view, scratch.trees, hits, lanes, int64(CLOSEST), int64(0), int64(0), int64(0))
+    if seen.face >= 0:
+        meet_known(hits, lanes, seen.place, seen.size, seen.row, seen.word, seen.axis)
+        scratch.counters[_PRIMARY_SHARED] += population_count(lanes)
+        return lanes
+    trace_scene(view, scratch.trees, hits, lanes, mode, int64(0), int64(0), int64(0))
     if view.n_shapes + view.n_planes > 0:
         _meet_shapes(view, scratch, lanes)
     met = _int64(0)
@@ -131,18 +142,23 @@ def _find_hits(view: SceneView, scratch: Scratch, lanes: int) -> Any:
 
 
 @inline
-def _light_hits(view: SceneView, scratch: Scratch, lanes: int) -> None:
-    """Add the light that comes straight from the lamps, shadow rays traced."""
+def _light_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int) -> None:
+    """Add the light that comes straight from the lamps, shadow rays traced where it is not known that all arrive."""
     for light in range(view.n_lights):
         lit = face_light(view, light, scratch.hits, scratch.shadows, lanes, scratch.counters)
-        if view.settings[SETTING_SHADOWS] != 0 and lit != 0:
+        if view.settings[SETTING_SHADOWS] != 0 and ((seen.lit | seen.dark) >> light) & 1:
+            scratch.counters[_SHADOW_SHARED] += population_count(lit)
+            if (seen.dark >> light) & 1:
+                continue
+        elif view.settings[SETTING_SHADOWS] != 0 and lit != 0:
             scratch.counters[_SHADOW_RAYS] += population_count(lit)
+            to_point = view.light_kind[light] != LIGHT_KIND_DIRECTIONAL
             lit &= ~trace_scene(
                 view,
                 scratch.trees,
                 scratch.shadows,
                 lit,
-                int64(SHADE),
+                int64(SHADE + TO_POINT) if to_point else int64(SHADE),
                 scratch.kt,
                 scratch.face_material,
                 int64(8 * N_MATERIAL),
@@ -197,7 +213,7 @@ def _collect(scratch: Scratch, lanes: int, start: int) -> None:
 
 
 @kernel
-def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int, start: int) -> None:
+def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, lanes: int, start: int) -> None:
     """Find the colour I of rays [farmer2019 eq. 9], and add it to their samples; bounces are put on the stacks.
 
     Parameters
@@ -209,12 +225,15 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int,
     scratch
         ``hits`` holds the rays: ORIGIN, DIRECTION (unit), SHEAR, SPEED, AXIS, SKIP, THROUGHPUT, SAMPLE, DEPTH, FROM;
         T_BEST infinite and PRIMITIVE -1.
+    seen
+        What is known of them; :func:`tracer.integrators.corners.nothing_seen` of bounces.
     lanes
         The rays.
     start
         For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``. For bounces -1.
     """
-    met = _find_hits(view, scratch, lanes)
+    from_eye = start >= 0 and view.settings[SETTING_CAMERA] == CAMERA_VIEW_PLANE
+    met = _find_hits(view, scratch, seen, lanes, int64(CLOSEST + FROM_POINT) if from_eye else int64(CLOSEST))
     if start < 0:
         _attenuate_throughput(view, scratch, lanes)
     missed = lanes & ~met
@@ -225,7 +244,7 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, lanes: int,
     behind = _int64(0)
     if met != 0:
         behind = fill_surfaces(view, ambient, scratch.hits, met)
-        _light_hits(view, scratch, met)
+        _light_hits(view, scratch, seen, met)
     _collect(scratch, lanes, start)
     if met != 0:
         make_bounces(view, scratch, met, behind)
@@ -238,4 +257,6 @@ def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
         n = take_bounces(view, scratch)
         if n == 0:
             return
-        trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1))
+        trace_radiance(
+            view, ambient, scratch, nothing_seen(), int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1)
+        )

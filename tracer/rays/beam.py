@@ -63,6 +63,7 @@ REACH: Final = BEGIN + 32  # greatest coordinate of an origin
 EXTREMES_X: Final = BEGIN + 40  # least and greatest x at depth -half, then at half
 EXTREMES_Y: Final = BEGIN + 72
 BEAM_MEMORY: Final = BEGIN + 104
+_FAR: Final = 1024.0  # frame units: a point beyond would cost the beam too much accuracy
 LATE: Final = 2.0**-20  # depth, and room, by which a hit's t can be off
 
 
@@ -128,6 +129,94 @@ def survey(packet: int, active: int, axes: Any, frame: Any, half: float, beam: i
     store(beam + EXTREMES_Y + 8, reduce_max(high_y))
     store(beam + EXTREMES_Y + 16, reduce_min(far_low_y))
     store(beam + EXTREMES_Y + 24, reduce_max(far_high_y))
+
+
+@inline
+def _slopes(packet: int, active: int, kz: int, beam: int, with_depths: bool) -> None:
+    """Store the active rays' least and greatest slopes in EXTREMES_X, EXTREMES_Y, and z of their origins in BEGIN."""
+    infinite = splat(VECTOR, _INF)
+    low_x, high_x, low_y, high_y, low_z, high_z = infinite, -infinite, infinite, -infinite, infinite, -infinite
+    some = packet + 8 * count_trailing_zeros(active)  # what lanes that are not active count as
+    for i in range(VECTORS):
+        bits = (active >> (LANES * i)) & NIBBLE
+        if bits == 0:
+            continue
+        at = packet + STEP * i
+        x, y, z = load(VECTOR, at + SHEAR), load(VECTOR, at + SHEAR + ROW), load(VECTOR, at + ORIGIN + kz * ROW)
+        if bits != NIBBLE:
+            mask = mask_of(active, i)
+            x, y = select(mask, x, _spread64(some + SHEAR)), select(mask, y, _spread64(some + SHEAR + ROW))
+            z = select(mask, z, _spread64(some + ORIGIN + kz * ROW))
+        low_x, high_x, low_y, high_y = minimum(low_x, x), maximum(high_x, x), minimum(low_y, y), maximum(high_y, y)
+        if with_depths:
+            low_z, high_z = minimum(low_z, z), maximum(high_z, z)
+    store(beam + EXTREMES_X, reduce_min(low_x))
+    store(beam + EXTREMES_X + 8, reduce_max(high_x))
+    store(beam + EXTREMES_Y, reduce_min(low_y))
+    store(beam + EXTREMES_Y + 8, reduce_max(high_y))
+    if with_depths:
+        store(beam + BEGIN, reduce_min(low_z))
+        store(beam + LAST_BEGIN, reduce_max(high_z))
+
+
+@inline
+def _fan(extremes: int, at_point: float, depth: float, sign: float, half: float) -> None:
+    """From the slopes of lines through a point to their extremes at the depths -half and half."""
+    low, high = load(_float64, extremes) * sign, load(_float64, extremes + 8) * sign
+    back = -half - depth
+    a, b = at_point + low * back, at_point + high * back
+    store(extremes, min(a, b))
+    store(extremes + 8, max(a, b))
+    a, b = a + low * (2.0 * half), b + high * (2.0 * half)
+    store(extremes + 16, min(a, b))
+    store(extremes + 24, max(a, b))
+
+
+@inline
+def survey_pencil(packet: int, active: int, axes: Any, frame: Any, half: float, beam: int, ending: bool) -> bool:
+    """As `survey`, for endless rays from one point, or (``ending``) rays that end in one point; cheaper.
+
+    Returns
+    -------
+    bool
+        False when the point is so far away that this would be too coarse: nothing is known then.
+    """
+    kx, ky, kz = axes
+    cx, cy, cz, scale, sign = frame
+    ray = packet + 8 * count_trailing_zeros(active)
+    x, y, z = (
+        load(_float64, ray + ORIGIN + kx * ROW),
+        load(_float64, ray + ORIGIN + ky * ROW),
+        load(_float64, ray + ORIGIN + kz * ROW),
+    )
+    if ending:
+        way = load(_float64, ray + T_BEST) * load(_float64, ray + SPEED) * sign
+        x, y, z = x + load(_float64, ray + SHEAR) * way, y + load(_float64, ray + SHEAR + ROW) * way, z + way
+    x, y, z = (x - cx) * scale, (y - cy) * scale, (z - cz) * scale
+    reach = max(abs(x), abs(y), abs(z))
+    if not reach < _FAR:
+        return False
+    _slopes(packet, active, kz, beam, ending)
+    depth = z * sign
+    if ending:
+        a, b = (
+            (load(_float64, beam + BEGIN) - cz) * scale * sign,
+            (load(_float64, beam + LAST_BEGIN) - cz) * scale * sign,
+        )
+        store(beam + BEGIN, min(a, b))
+        store(beam + LAST_BEGIN, max(a, b))
+        store(beam + LAST_END, depth)
+        store(beam + FIRST_END, depth)
+        reach += max(abs(depth - a), abs(depth - b))  # slopes are at most 1
+    else:
+        store(beam + BEGIN, depth)
+        store(beam + LAST_BEGIN, depth)
+        store(beam + LAST_END, _INF)
+        store(beam + FIRST_END, _INF)
+    store(beam + REACH, reach)
+    _fan(beam + EXTREMES_X, x, depth, sign, half)
+    _fan(beam + EXTREMES_Y, y, depth, sign, half)
+    return True
 
 
 @inline

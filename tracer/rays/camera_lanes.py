@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from tracer.geometry.vector import dot
 from tracer.jit import inline, kernel
 from tracer.rays.camera import camera_ray, unit_ray
 from tracer.rays.rows import ROW, STEP, VECTOR
@@ -18,6 +19,7 @@ from tracer.types import (
     CAMERA_V,
     CAMERA_VIEW_PLANE,
     CAMERA_W,
+    Vec3,
 )
 
 _float64: Final = types.float64
@@ -28,6 +30,22 @@ def _axis(camera: Any, start: int, axis: int, u: Any, v: Any) -> Any:
     """One coordinate of ``start`` + u U + v V, summed as the scalar code does."""
     first = splat(VECTOR, start)
     return first + u * splat(VECTOR, camera[CAMERA_U + axis]) + v * splat(VECTOR, camera[CAMERA_V + axis])
+
+
+@inline
+def view_directions(camera: Any, width: int, height: int, x: Any, y: Any) -> Any:
+    """Directions of perspective rays through four picture positions, as eq. 1 gives them (not unit)."""
+    left, bottom = camera[CAMERA_LEFT], camera[CAMERA_BOTTOM]
+    across, up = camera[CAMERA_RIGHT] - left, camera[CAMERA_TOP] - bottom
+    d = camera[CAMERA_DISTANCE]
+    u = splat(VECTOR, left) + splat(VECTOR, across) * (x / splat(VECTOR, float(width)))
+    rows = splat(VECTOR, float(height))
+    v = splat(VECTOR, bottom) + splat(VECTOR, up) * ((rows - y) / rows)
+    return Vec3(
+        _axis(camera, -d * camera[CAMERA_W], 0, u, v),
+        _axis(camera, -d * camera[CAMERA_W + 1], 1, u, v),
+        _axis(camera, -d * camera[CAMERA_W + 2], 2, u, v),
+    )
 
 
 @kernel
@@ -47,24 +65,16 @@ def fill_camera_rays(
     origins, directions
         Addresses of three rows each; directions are unit.
     """
-    left, bottom = camera[CAMERA_LEFT], camera[CAMERA_BOTTOM]
-    across, up = camera[CAMERA_RIGHT] - left, camera[CAMERA_TOP] - bottom
-    d = camera[CAMERA_DISTANCE]
     for step in range(0, 8 * n, STEP):
-        x, y = load(VECTOR, places + step), load(VECTOR, places + ROW + step)
-        u = splat(VECTOR, left) + splat(VECTOR, across) * (x / splat(VECTOR, float(width)))
-        rows = splat(VECTOR, float(height))
-        v = splat(VECTOR, bottom) + splat(VECTOR, up) * ((rows - y) / rows)
         if kind == CAMERA_VIEW_PLANE:
-            dx = _axis(camera, -d * camera[CAMERA_W], 0, u, v)
-            dy = _axis(camera, -d * camera[CAMERA_W + 1], 1, u, v)
-            dz = _axis(camera, -d * camera[CAMERA_W + 2], 2, u, v)
-            squared = dx * dx + dy * dy + dz * dz
+            x, y = load(VECTOR, places + step), load(VECTOR, places + ROW + step)
+            d = view_directions(camera, width, height, x, y)
+            squared = dot(d, d)
             if all_lanes((squared > splat(VECTOR, 1e-290)) & (squared < splat(VECTOR, 1e290))):
                 inverse = splat(VECTOR, 1.0) / sqrt(squared)
-                store(directions + step, dx * inverse)
-                store(directions + ROW + step, dy * inverse)
-                store(directions + 2 * ROW + step, dz * inverse)
+                store(directions + step, d.x * inverse)
+                store(directions + ROW + step, d.y * inverse)
+                store(directions + 2 * ROW + step, d.z * inverse)
                 for axis in range(3):
                     store(origins + axis * ROW + step, splat(VECTOR, camera[CAMERA_EYE + axis]))
                 continue

@@ -57,8 +57,9 @@ from tracer.rays.beam import (
     chords,
     deepest_end,
     survey,
+    survey_pencil,
 )
-from tracer.rays.packet_leaf import cut_leaf, meet_triangle
+from tracer.rays.packet_leaf import coordinate, cut_leaf, meet_triangle, meet_within
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -70,6 +71,7 @@ from tracer.rays.rows import (
     STEP,
     VECTOR,
     VECTORS,
+    WEIGHT_1,
     mask_of,
     put,
 )
@@ -97,7 +99,15 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1  # which rays meet anything
 SHADE: Final = 2  # light is multiplied by what each surface lets through
+SOLE: Final = 3  # is there but one triangle in the beam, and passes all of the beam within its edges?
+# Added to a mode: what is known of the rays.
+FROM_POINT: Final = 16  # one origin, and no end
+TO_POINT: Final = 32  # what they end in is one point
+NONE: Final = -1  # answers of SOLE: no triangle
+SEVERAL: Final = -2  # more than one, or one at the edge
 
+_MODES: Final = 15
+_TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
@@ -140,6 +150,16 @@ def _push_many(hits: int, near: int, children: int, top: int) -> int:
     return top
 
 
+@inline
+def _coincide(place: int, row: int, packet: int, size: int) -> bool:
+    """Tell whether a triangle has the vertices of the one that SOLE has found: then the lower id counts."""
+    other, other_row = load(_int64, packet + WEIGHT_1), load(_int64, packet + WEIGHT_1 + 8)
+    same = True
+    for k in range(9):
+        same = same and coordinate(place + k * row, size) == coordinate(other + k * other_row, size)
+    return same
+
+
 @kernel
 def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
     """Follow the active rays of a packet, all of one AXIS.
@@ -154,8 +174,11 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     active
         Set of rays, not empty.
     mode
-        CLOSEST: T_BEST, PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is
-        multiplied by kt of every triangle that is met within the ray's end.
+        One of the following, plus FROM_POINT or TO_POINT where it is true of all active rays. CLOSEST: T_BEST,
+        PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is multiplied by kt of
+        every triangle that is met within the ray's end. SOLE: what holds for any ray between the packet's, not for
+        these alone; for a triangle WEIGHT_1 holds (int64) its address in its leaf, the bytes of a row of that leaf, and
+        the triangle's word there.
     kt, face_material, stride
         For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
         material.
@@ -163,11 +186,12 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     Returns
     -------
     int64
-        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST.
+        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE a triangle's id,
+        `NONE` or `SEVERAL`.
     """
     stand_alone()
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
-        return _int64(0)
+        return _int64(NONE if mode & _MODES == SOLE else 0)
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
     kz = axis >> 1
     kx = kz - 2 if kz == 2 else kz + 1
@@ -182,14 +206,23 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     axes = (kx, ky, kz)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_MEMORY)
-    survey(packet, active, axes, frame, breadth, beam)
+    one_origin = mode & FROM_POINT != 0
+    surveyed = False
+    if one_origin:
+        surveyed = survey_pencil(packet, active, axes, frame, breadth, beam, False)
+    elif mode & TO_POINT:
+        surveyed = survey_pencil(packet, active, axes, frame, breadth, beam, True)
+    if not surveyed:
+        survey(packet, active, axes, frame, breadth, beam)
+    mode &= _MODES
+    believed = _int64(-1 if scale < _TINIEST else 0)  # where weights may underflow, no triangle is met for certain
     # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
     slop = 2.0**-46 * (1.0 + load(_float64, beam + REACH) + centre)
     first_depth = max(load(_float64, beam + BEGIN), -half) - slop
     last_depth = min(load(_float64, beam + LAST_END) + LATE, half) + slop
     if first_depth > last_depth:
-        return _int64(0)
+        return _int64(NONE if mode == SOLE else 0)
     x_low, x_low_start, x_high, x_high_start = chords(beam + EXTREMES_X, breadth, slop)
     y_low, y_low_start, y_high, y_high_start = chords(beam + EXTREMES_Y, breadth, slop)
     store(beam + BEAM_CENTRE, cx)
@@ -234,7 +267,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     found = stack_memory(_FOUND_BYTES)
-    ended = _int64(0)
+    ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
     top = stack
     word = _int64(_ROOT)
@@ -267,7 +300,9 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             n = (word & 7) + 1
             row = n * size
             ids = leaf + 9 * row
-            candidates, covers = cut_leaf(leaf, n, size, axes, beam)
+            candidates, inside, on_the_way = cut_leaf(leaf, n, size, axes, beam)
+            inside &= believed
+            covers = inside & on_the_way
             changed = _int64(0)
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
@@ -275,10 +310,24 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 face = _int64(load(_int32, ids + 4 * k))
                 if alike and face >> ORDER_BITS == skip:  # all of them start on it
                     continue
+                if mode == SOLE:
+                    place = leaf + k * size
+                    if (inside >> k) & 1 == 0 or (ended != NONE and not _coincide(place, row, packet, size)):
+                        return _int64(SEVERAL)
+                    if ended == NONE or face >> ORDER_BITS < ended:
+                        ended = face >> ORDER_BITS
+                        store(packet + WEIGHT_1, place)
+                        store(packet + WEIGHT_1 + 8, row)
+                        store(packet + WEIGHT_1 + 16, face)
+                    continue
                 if mode != CLOSEST and alike and (covers >> k) & 1:
                     met = active
+                elif mode == CLOSEST and alike and (inside >> k) & 1:
+                    met = meet_within(leaf + k * size, size, row, face, packet, active, axes, one_origin)
                 else:
-                    met = meet_triangle(leaf + k * size, size, row, face, packet, active, axes, closest, alike, found)
+                    met = meet_triangle(
+                        leaf + k * size, size, row, face, packet, active, axes, closest, alike, one_origin, found
+                    )
                 changed |= met
                 if mode == ANY:
                     ended |= met

@@ -93,7 +93,7 @@ def _from_beam(beam: int, x: Any, y: Any, z: Any) -> Any:
 
 @inline
 def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, beam: int) -> Any:
-    """Bits of the four triangles at ``place`` that some ray of the beam may meet, and of those that all meet."""
+    """Bits of the four triangles at ``place``: some ray may meet it; all lines pass within its edges; on their way."""
     at_x, at_y, at_z = place + kx * row, place + ky * row, place + kz * row
     step = 3 * row
     ax, ay, aw, ah, az = _from_beam(
@@ -138,8 +138,8 @@ def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, bea
     out = (out | (negative & positive)) & known
     out = out | (farthest < _spread(beam + BEAM_FIRST)) | (nearest > _spread(beam + BEAM_LAST))
     inside = ((u > u_off) & (v > v_off) & (s > s_off)) | ((u < -u_off) & (v < -v_off) & (s < -s_off))
-    inside = inside & known & (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
-    return mask_to_bits(~out), mask_to_bits(inside)
+    on_the_way = (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
+    return mask_to_bits(~out), mask_to_bits(inside & known), mask_to_bits(on_the_way)
 
 
 @inline
@@ -149,20 +149,22 @@ def cut_leaf(leaf: int, n: int, size: int, axes: Any, beam: int) -> Any:
     Returns
     -------
     tuple of int64
-        Bits of those that some ray may meet, and of those that all rays meet on their way for certain.
+        Bits of those that some ray may meet, of those between whose edges all rays' lines pass for certain, and of
+        those all of which lies beyond every ray's origin and before every ray's end.
     """
     kx, ky, kz = axes
     row = n * size
-    bits, inside = _int64(0), _int64(0)
+    bits, inside, on_the_way = _int64(0), _int64(0), _int64(0)
     for first in range(0, n, LANES):
         place = leaf + first * size
         if size == 8:
-            some, every = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
+            some, every, between = _cut_by_beam(_float64, place, row, kx, ky, kz, beam)
         else:
-            some, every = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
+            some, every, between = _cut_by_beam(_float32, place, row, kx, ky, kz, beam)
         bits |= some << first
         inside |= every << first
-    return bits & ((_int64(1) << n) - 1), inside
+        on_the_way |= between << first
+    return bits & ((_int64(1) << n) - 1), inside, on_the_way
 
 
 @kernel
@@ -241,6 +243,113 @@ def stack_of_nine(place: int, size: int, row: int, kx: int, ky: int, kz: int) ->
 
 
 @inline
+def _relative(c: Any, ray: int, axes: Any) -> Any:
+    """Subtract a ray's origin from a triangle's coordinates."""
+    kx, ky, kz = axes
+    x, y = load(_float64, ray + ORIGIN + kx * ROW), load(_float64, ray + ORIGIN + ky * ROW)
+    z = load(_float64, ray + ORIGIN + kz * ROW)
+    return c[0] - x, c[1] - y, c[2] - z, c[3] - x, c[4] - y, c[5] - z, c[6] - x, c[7] - y, c[8] - z
+
+
+@inline
+def _sheared(c: Any, ray: int, axes: Any, one_origin: bool) -> Any:
+    """Sheared coordinates of a triangle for four rays (:mod:`tracer.rays.predicate`): x, y, z of each vertex.
+
+    ``c`` is relative to the origin already where that is ``one_origin`` for all.
+    """
+    kx, ky, kz = axes
+    ax, ay, az = splat(VECTOR, c[0]), splat(VECTOR, c[1]), splat(VECTOR, c[2])
+    bx, by, bz = splat(VECTOR, c[3]), splat(VECTOR, c[4]), splat(VECTOR, c[5])
+    cx, cy, cz = splat(VECTOR, c[6]), splat(VECTOR, c[7]), splat(VECTOR, c[8])
+    if not one_origin:
+        ox, oy = load(VECTOR, ray + ORIGIN + kx * ROW), load(VECTOR, ray + ORIGIN + ky * ROW)
+        oz = load(VECTOR, ray + ORIGIN + kz * ROW)
+        ax, ay, az = ax - ox, ay - oy, az - oz
+        bx, by, bz = bx - ox, by - oy, bz - oz
+        cx, cy, cz = cx - ox, cy - oy, cz - oz
+    shear_x, shear_y = load(VECTOR, ray + SHEAR), load(VECTOR, ray + SHEAR + ROW)
+    return (
+        ax - shear_x * az,
+        ay - shear_y * az,
+        az,
+        bx - shear_x * bz,
+        by - shear_y * bz,
+        bz,
+        cx - shear_x * cz,
+        cy - shear_y * cz,
+        cz,
+    )
+
+
+@inline
+def _keep(ray: int, mask: Any, word: int, t: Any, u: Any, v: Any, w: Any) -> None:
+    """Write hits of a triangle: t, the weights of its second and third vertex as given, its id."""
+    total = (u + v) + w
+    order = word & ((1 << ORDER_BITS) - 1)
+    second = (PLACE_1 >> (2 * order)) & 3
+    third = (PLACE_2 >> (2 * order)) & 3
+    weight_1 = u if second == 0 else (v if second == 1 else w)
+    weight_2 = u if third == 0 else (v if third == 1 else w)
+    put(ray + T_BEST, mask, t)
+    put(ray + WEIGHT_1, mask, weight_1 / total)
+    put(ray + WEIGHT_2, mask, weight_2 / total)
+    put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, word >> ORDER_BITS))
+
+
+@inline
+def meet_within(
+    place: int, size: int, row: int, word: int, packet: int, active: int, axes: Any, one_origin: bool
+) -> Any:
+    """As `meet_triangle` for the nearest hits, where all active rays' lines pass within the edges for certain."""
+    c = stack_of_nine(place, size, row, axes[0], axes[1], axes[2])
+    if one_origin:
+        c = _relative(c, packet + 8 * count_trailing_zeros(active), axes)
+    zero = splat(VECTOR, 0.0)
+    primitive = splat(INTEGERS, word >> ORDER_BITS)
+    met_lanes = _int64(0)
+    for i in range(VECTORS):
+        lanes = (active >> (LANES * i)) & NIBBLE
+        if lanes == 0:
+            continue
+        ray = packet + STEP * i
+        ax, ay, az, bx, by, bz, cx, cy, cz = _sheared(c, ray, axes, one_origin)
+        shear_z = load(VECTOR, ray + SHEAR + 2 * ROW)
+        ta, tb, tc = shear_z * az, shear_z * bz, shear_z * cz
+        least = minimum(ta, minimum(tb, tc))
+        most = maximum(ta, maximum(tb, tc))
+        t_best = load(VECTOR, ray + T_BEST)
+        u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
+        t = ((u * ta + v * tb) + w * tc) / ((u + v) + w)
+        t = minimum(maximum(t, least), most)
+        nearer = (t < t_best) | ((t == t_best) & (primitive < load(INTEGERS, ray + PRIMITIVE)))
+        lanes &= mask_to_bits(nearer & (t > zero))
+        if lanes == 0:
+            continue
+        _keep(ray, mask_of(lanes, 0), word, t, u, v, w)
+        met_lanes |= lanes << (LANES * i)
+    return met_lanes
+
+
+@kernel
+def meet_known(packet: int, active: int, place: int, size: int, row: int, word: int, axis: int) -> None:
+    """Intersect rays from one point with a triangle that all of them meet for certain, first of all triangles.
+
+    Parameters
+    ----------
+    packet, active
+        The rays; T_BEST, PRIMITIVE and the weights are written.
+    place, size, row, word
+        The triangle, as for `meet_triangle`.
+    axis
+        AXIS of the rays.
+    """
+    stand_alone()
+    kz = axis >> 1
+    axes = (kz - 2 if kz == 2 else kz + 1, kz - 1 if kz > 0 else _int64(2), kz)
+    meet_within(place, size, row, word, packet, active, axes, True)
+
+
+@inline
 def meet_triangle(
     place: int,
     size: int,
@@ -251,6 +360,7 @@ def meet_triangle(
     axes: Any,
     closest: int,
     alike: bool,
+    one_origin: bool,
     found: int,
 ) -> Any:
     """Test a triangle against the active rays.
@@ -269,6 +379,8 @@ def meet_triangle(
         1: keep hits in the packet where they are nearer, or as near with a lower id. 0: only tell.
     alike
         True: no ray skips this triangle. False: look at SKIP.
+    one_origin
+        All active rays start in one point.
     found
         Address of scratch for 4 vectors.
 
@@ -280,9 +392,8 @@ def meet_triangle(
     kx, ky, kz = axes
     primitive = word >> ORDER_BITS
     c = stack_of_nine(place, size, row, kx, ky, kz)
-    pax, pay, paz = splat(VECTOR, c[0]), splat(VECTOR, c[1]), splat(VECTOR, c[2])
-    pbx, pby, pbz = splat(VECTOR, c[3]), splat(VECTOR, c[4]), splat(VECTOR, c[5])
-    pcx, pcy, pcz = splat(VECTOR, c[6]), splat(VECTOR, c[7]), splat(VECTOR, c[8])
+    if one_origin:
+        c = _relative(c, packet + 8 * count_trailing_zeros(active), axes)
     zero = splat(VECTOR, 0.0)
     met_lanes = _int64(0)
     for i in range(VECTORS):
@@ -290,15 +401,7 @@ def meet_triangle(
         if lanes == 0:
             continue
         ray = packet + STEP * i
-        ox = load(VECTOR, ray + ORIGIN + kx * ROW)
-        oy = load(VECTOR, ray + ORIGIN + ky * ROW)
-        oz = load(VECTOR, ray + ORIGIN + kz * ROW)
-        shear_x = load(VECTOR, ray + SHEAR)
-        shear_y = load(VECTOR, ray + SHEAR + ROW)
-        az, bz, cz = paz - oz, pbz - oz, pcz - oz
-        ax, ay = (pax - ox) - shear_x * az, (pay - oy) - shear_y * az
-        bx, by = (pbx - ox) - shear_x * bz, (pby - oy) - shear_y * bz
-        cx, cy = (pcx - ox) - shear_x * cz, (pcy - oy) - shear_y * cz
+        ax, ay, az, bx, by, bz, cx, cy, cz = _sheared(c, ray, axes, one_origin)
         u = cx * by - cy * bx
         v = ax * cy - ay * cx
         w = bx * ay - by * ax
@@ -324,8 +427,7 @@ def meet_triangle(
         if lanes == 0:
             continue
         u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
-        total = (u + v) + w
-        t = ((u * ta + v * tb) + w * tc) / total
+        t = ((u * ta + v * tb) + w * tc) / ((u + v) + w)
         t = minimum(maximum(t, least), most)
         met = lanes & mask_to_bits(certain)
         unsure = lanes & ~met
@@ -339,23 +441,13 @@ def meet_triangle(
             u = load(VECTOR, found + STEP)
             v = load(VECTOR, found + 2 * STEP)
             w = load(VECTOR, found + 3 * STEP)
-            total = (u + v) + w
         if closest:
             best = load(INTEGERS, ray + PRIMITIVE)
             nearer = (t < t_best) | ((t == t_best) & (splat(INTEGERS, primitive) < best))
             met &= mask_to_bits(nearer & (t > zero))
             if met == 0:
                 continue
-            mask = mask_of(met, 0)
-            order = word & ((1 << ORDER_BITS) - 1)
-            second = (PLACE_1 >> (2 * order)) & 3
-            third = (PLACE_2 >> (2 * order)) & 3
-            weight_1 = u if second == 0 else (v if second == 1 else w)
-            weight_2 = u if third == 0 else (v if third == 1 else w)
-            put(ray + T_BEST, mask, t)
-            put(ray + WEIGHT_1, mask, weight_1 / total)
-            put(ray + WEIGHT_2, mask, weight_2 / total)
-            put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, primitive))
+            _keep(ray, mask_of(met, 0), word, t, u, v, w)
         else:
             met &= mask_to_bits((t < t_best) & (t > zero))
         met_lanes |= met << (LANES * i)

@@ -17,7 +17,7 @@ from tracer.accel.build import MAX_DEPTH
 from tracer.geometry.vector import at
 from tracer.jit import inline, kernel
 from tracer.rays.bundle import trace_bundle
-from tracer.rays.packet import SHADE
+from tracer.rays.packet import FROM_POINT, SHADE, TO_POINT
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -303,6 +303,7 @@ def trace_placements(
         As :func:`tracer.rays.packet.trace_packet`.
     """
     stand_alone()
+    mode &= ~(FROM_POINT | TO_POINT)  # ends change from placement to placement, and a map rounds what they end in
     own, ways, stack = stack_memory(_OWN_BYTES), stack_memory(_WAY_BYTES), stack_memory(_STACK_BYTES)
     reach = _survey(packet, lanes, ways)
     skew = view.placement_maps[MAP_TOP_PAD]

@@ -13,11 +13,13 @@ from tracer.jit import inline
 from tracer.simd import (
     absolute,
     all_lanes,
+    bitcast,
     float64x4,
     int64x4,
     load,
     mask4,
     mask_from_bits,
+    opaque,
     select,
     splat,
     store,
@@ -61,10 +63,10 @@ def mask_of(lanes: int, vector: int) -> Any:
 @inline
 def put(address: int, mask: Any, value: Any) -> None:
     """Write the chosen lanes of a vector of float64."""
-    if all_lanes(mask):  # mostly; and a masked store costs ten plain ones on some CPUs
+    if all_lanes(mask):  # mostly
         store(address, value)
     else:
-        store(address, select(mask, value, load(VECTOR, address)))
+        store(address, select(mask, value, opaque(load(VECTOR, address))))
 
 
 @inline
@@ -73,7 +75,7 @@ def put_integers(address: int, mask: Any, value: Any) -> None:
     if all_lanes(mask):
         store(address, value)
     else:
-        store(address, select(mask, value, load(INTEGERS, address)))
+        store(address, select(mask, bitcast(VECTOR, value), opaque(load(VECTOR, address))))
 
 
 @inline

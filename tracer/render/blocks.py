@@ -16,8 +16,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.accel.view import view_scene
+from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
+from tracer.integrators.corners import Seen, look_at_corners
+from tracer.integrators.plain import shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -123,38 +125,29 @@ def _even_bits(code: int) -> int:
 
 
 @kernel
-def _trace_camera_rays(
-    view: SceneView,
-    ambient: Vec3,
-    scratch: Scratch,
-    pixels: Any,
-    first_pixel: int,
-    first: int,
-    start: int,
-    n: int,
-    per_pixel: int,
+def _place_samples(
+    settings: Any, pixels: Any, first_pixel: int, first: int, n: int, per_pixel: int, points: int, places: int
 ) -> None:
-    """Trace up to 64 camera rays.
+    """Find where up to 64 samples lie in the picture.
 
     Parameters
     ----------
-    view, ambient, scratch
-        As `trace_radiance`.
+    settings
+        The scene's.
     pixels
         Flat int64: x, y and key of each pixel of the wave.
     first_pixel, first
-        Pixel and sample of the first ray.
-    start
-        Its number in the wave.
+        Pixel and sample of the first.
     n, per_pixel
-        Rays; samples of a pixel in this wave. The next pixel follows when one's are through.
+        Samples; those of a pixel in this wave. The next pixel follows when one's are through.
+    points
+        Address of two rows of scratch.
+    places
+        Address of two rows, written: x and y in pixels from the top left corner of the full image.
     """
-    settings = view.settings
     sampler, n_samples = settings[SETTING_SAMPLER], settings[SETTING_SAMPLES]
-    places = stack_memory(_PLACE_BYTES)
     keys = stack_memory(_WORD_BYTES)
     indices = stack_memory(_WORD_BYTES)
-    hits = scratch.hits
     pixel, index = 3 * first_pixel, first
     if per_pixel % LANES == 0 and n % LANES == 0:  # four samples of one pixel at a time
         following = iota(int32x4)
@@ -175,11 +168,31 @@ def _trace_camera_rays(
             index += 1
             if index == first + per_pixel:
                 pixel, index = pixel + 3, first
-    us, vs = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free until the rays are there
-    fill_samples(sampler, n_samples, n, keys, indices, us, vs)
+    fill_samples(sampler, n_samples, n, keys, indices, points, points + ROW)
     for k in range(0, 8 * n, STEP):
-        store(places + k, load(VECTOR, places + k) + load(VECTOR, us + k))
-        store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, vs + k))
+        store(places + k, load(VECTOR, places + k) + load(VECTOR, points + k))
+        store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, points + ROW + k))
+
+
+@kernel
+def _trace_camera_rays(
+    view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, places: int, n: int, start: int
+) -> None:
+    """Trace up to 64 camera rays.
+
+    Parameters
+    ----------
+    view, ambient, scratch, seen
+        As `trace_radiance`.
+    places
+        Where they pass through the picture (`_place_samples`).
+    n
+        How many.
+    start
+        Number of the first in the wave.
+    """
+    settings = view.settings
+    hits = scratch.hits
     fill_camera_rays(
         view.camera,
         settings[SETTING_CAMERA],
@@ -205,7 +218,18 @@ def _trace_camera_rays(
         store(at_lanes + SAMPLE, number + splat(INTEGERS, _int64(4) * k))
         store(at_lanes + DEPTH, none + splat(INTEGERS, _int64(1)))
         store(at_lanes + FROM, none)
-    trace_radiance(view, ambient, scratch, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
+    trace_radiance(view, ambient, scratch, seen, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
+
+
+@inline
+def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int) -> Seen:
+    """Look at the corners of a wave's pixels."""
+    x0, y0 = pixels[0], pixels[1]
+    x1, y1 = x0, y0
+    for pixel in range(1, n_pixels):
+        x0, x1 = min(x0, pixels[3 * pixel]), max(x1, pixels[3 * pixel])
+        y0, y1 = min(y0, pixels[3 * pixel + 1]), max(y1, pixels[3 * pixel + 1])
+    return look_at_corners(view, ambient, scratch, float(x0), float(y0), float(x1 + 1), float(y1 + 1))
 
 
 @kernel
@@ -219,7 +243,7 @@ def _render_wave(
     view, ambient, scratch
         As `trace_radiance`.
     pixels, n_pixels
-        As `_trace_camera_rays`.
+        As `_place_samples`.
     first, end
         ``n_pixels * (end - first) <= WAVE``.
     sums
@@ -232,17 +256,19 @@ def _render_wave(
         store(scratch.radiance + 8 * k, 0.0)
         store(scratch.radiance + 8 * (WAVE + k), 0.0)
         store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
-    if per_pixel >= PACKET:
-        for pixel in range(n_pixels):
-            for start in range(0, per_pixel, PACKET):
-                rays = min(PACKET, per_pixel - start)
-                number = pixel * per_pixel + start
-                _trace_camera_rays(view, ambient, scratch, pixels, pixel, first + start, number, rays, per_pixel)
-    else:
-        together = PACKET // per_pixel
-        for pixel in range(0, n_pixels, together):
-            rays = min(together, n_pixels - pixel) * per_pixel
-            _trace_camera_rays(view, ambient, scratch, pixels, pixel, first, pixel * per_pixel, rays, per_pixel)
+    seen = _see_wave(view, ambient, scratch, pixels, n_pixels)
+    places = stack_memory(_PLACE_BYTES)
+    points = scratch.hits + THROUGHPUT  # free until the rays are there
+    together = max(1, PACKET // per_pixel)  # pixels of a packet
+    for pixel in range(0, n_pixels, together):
+        for skipped in range(0, per_pixel, PACKET):
+            rays = min(PACKET, per_pixel - skipped) if together == 1 else min(together, n_pixels - pixel) * per_pixel
+            _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
+            start = pixel * per_pixel + skipped
+            if seen.plain:
+                shade_plain(view, ambient, scratch, seen, places, rays, start)
+            else:
+                _trace_camera_rays(view, ambient, scratch, seen, places, rays, start)
     trace_bounces(view, ambient, scratch)
     for pixel in range(n_pixels):
         for channel in range(3):
@@ -263,7 +289,7 @@ def _render(
     words: NDArray[np.int64],
 ) -> bool:
     """Do what `render_blocks` does in memory that its caller keeps alive: numba frees an array after its last use."""
-    view = view_scene(scene)
+    view = view_scene(scene, stack_memory(VIEW_BYTES))
     settings = view.settings
     hits = (address_of(memory) + 63) & ~63
     shadows = hits + HIT_ROWS * ROW

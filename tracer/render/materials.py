@@ -81,13 +81,13 @@ class TextureTable:
         return self._rows[full_key]
 
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Return `textures` and `texels`."""
+        """Return `textures` and `texels`; kernels load four numbers for three, so there is a texel too many."""
         textures = np.zeros((len(self._records), N_TEXTURE), np.int64)
         for row, (offset, width, height) in enumerate(self._records):
             textures[row, TEXTURE_OFFSET] = offset
             textures[row, TEXTURE_WIDTH] = width
             textures[row, TEXTURE_HEIGHT] = height
-        return textures, np.concatenate([np.empty((0, 3), np.float32), *self._texels])
+        return textures, np.concatenate([*self._texels, np.zeros((1, 3), np.float32)])
 
 
 class MaterialTable:

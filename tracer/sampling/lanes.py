@@ -10,7 +10,7 @@ import numpy as np
 
 from tracer.jit import inline, kernel
 from tracer.sampling.sampler import sample_keyed
-from tracer.simd import convert, int32x8, load, shift_right_logical, splat, store
+from tracer.simd import convert, int32x8, load, reverse_bits, shift_right_logical, splat, store
 from tracer.simd.gateway import types
 from tracer.types import SAMPLER_SOBOL
 
@@ -68,23 +68,6 @@ def _hash(x: Any) -> Any:
 
 
 @inline
-def _swap(x: Any, mask: int, count: int) -> Any:
-    """Exchange neighbouring groups of ``count`` bits."""
-    chosen = _word(mask)
-    return (_right(x, count) & chosen) | ((x & chosen) * _word(1 << count))
-
-
-@inline
-def _reverse(x: Any) -> Any:
-    """As :func:`tracer.sampling.sobol.reverse_bits`."""
-    x = _swap(x, _M1, 1)
-    x = _swap(x, _M2, 2)
-    x = _swap(x, _M4, 4)
-    x = _swap(x, _M8, 8)
-    return _swap(x, _M16, 16)
-
-
-@inline
 def _scramble(x: Any, key: Any) -> Any:
     """As :func:`tracer.sampling.sobol.scramble_reversed`."""
     x = x + key
@@ -92,7 +75,7 @@ def _scramble(x: Any, key: Any) -> Any:
     x = x ^ (x * _word(_K2))
     x = x ^ (x * _word(_K3))
     x = x ^ (x * _word(_K4))
-    return _reverse(x)
+    return reverse_bits(x)
 
 
 @inline
@@ -132,7 +115,7 @@ def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, 
     for k in range((n + LANES - 1) // LANES):
         key = load(int32x8, keys + _BYTES * k)
         index = load(int32x8, indices + _BYTES * k)
-        index = shift_right_logical(_scramble(_reverse(index * lift), _hash(key ^ _word(_SHUFFLE))), drop)
+        index = shift_right_logical(_scramble(reverse_bits(index * lift), _hash(key ^ _word(_SHUFFLE))), drop)
         index = index & _word(-1 if bits > 0 else 0)
         _store_unit(us + 2 * _BYTES * k, _scramble(index, _hash(key ^ _word(_U))))
         second = index ^ (_right(index, 1) & _word(_M1))

@@ -81,6 +81,7 @@ from tracer.types import (
 _int64: Final = types.int64
 _SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
 _SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
+_FAINTEST: Final = 40.0 * math.log(2.0)
 _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 
@@ -104,30 +105,27 @@ def offset_origins(ray: int, direction: Any) -> Any:
 
 
 @inline
-def attenuate(ray: int, distance: Any) -> Any:
-    """Attenuation 1 / (a + b D + c D^2) of four hits' materials over a finite distance."""
-    k = vector_at(ray + ATTENUATION)
+def attenuate(k: Any, distance: Any) -> Any:
+    """Attenuation 1 / (a + b D + c D^2) over four finite distances; ``k`` holds a, b, c."""
     denominator = k.x + distance * (k.y + distance * k.z)
     zero = splat(VECTOR, 0.0)
     return select(denominator > zero, splat(VECTOR, 1.0) / denominator, zero)
 
 
 @inline
-def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
-    """Return (unit direction to the light, attenuation times cone) of four hits."""
+def see_light(view: SceneView, kind: int, light: int, p: Any, k: Any) -> Any:
+    """Return (unit direction to the light, attenuation times cone) of four points and their materials' a, b, c."""
     i = N_LIGHT * light
     zero, one = splat(VECTOR, 0.0), splat(VECTOR, 1.0)
     if kind == LIGHT_KIND_DIRECTIONAL:  # no distance: nothing but a counts
-        a = load(VECTOR, ray + ATTENUATION)
-        return spread(negate(at(view.lights, i + LIGHT_DIRECTION))), select(a > zero, one / a, zero)
+        return spread(negate(at(view.lights, i + LIGHT_DIRECTION))), select(k.x > zero, one / k.x, zero)
     position = spread(at(view.lights, i + LIGHT_POSITION))
-    p = vector_at(ray + POSITION)
     offset = Vec3(position.x - p.x, position.y - p.y, position.z - p.z)
     distance = sqrt(dot(offset, offset))
     away = distance > zero  # else the point is the light
     inverse = select(away, one / distance, zero)
     to_light = scale(offset, inverse)
-    strength = select(away, attenuate(ray, distance), zero)
+    strength = select(away, attenuate(k, distance), zero)
     if kind == LIGHT_KIND_SPOT:  # glTF KHR_lights_punctual
         d = spread(at(view.lights, i + LIGHT_DIRECTION))
         cosine = -dot(to_light, d)
@@ -135,6 +133,36 @@ def _see(view: SceneView, kind: int, light: int, ray: int) -> Any:
         cone = minimum(maximum(cone + splat(VECTOR, view.lights[i + LIGHT_SPOT_OFFSET]), zero), one)
         strength = strength * cone * cone
     return to_light, strength
+
+
+@inline
+def reflect_light(kd: Any, ks: Any, cosine: Any, exponent: Any, normal: Any, to_light: Any, viewing: Any) -> Any:
+    """Share of a light's colour that four points reflect [farmer2019 eq. 11, 12, 16].
+
+    Parameters
+    ----------
+    kd, ks
+        Coefficients times the light's diffuse and specular colours.
+    cosine
+        n . l.
+    exponent
+        Of Blinn and Phong.
+    normal, to_light, viewing
+        Unit: shading normal, l, and the direction of the ray that came (-v).
+    """
+    zero = splat(VECTOR, 0.0)
+    reflected = scale(kd, cosine)
+    if any_lane((ks.x > zero) | (ks.y > zero) | (ks.z > zero)):
+        half = add(to_light, negate(viewing))
+        squared = dot(half, half)  # 0 when l = -v
+        n_dot_h = dot(normal, half)
+        n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
+        # x^s <= exp(-s (1 - x)): what is certainly below 2^-40 (1e-12 of the light) counts as nothing
+        seen = exponent * (splat(VECTOR, 1.0) - n_dot_h) < splat(VECTOR, _FAINTEST)
+        if any_lane(seen):
+            highlight = power(maximum(n_dot_h, zero), exponent)
+            reflected = add(reflected, scale(ks, select(seen, highlight, zero)))
+    return reflected
 
 
 @kernel
@@ -175,7 +203,7 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         if bits == 0:
             continue
         ray = packet + STEP * k
-        to_light, strength = _see(view, kind, light, ray)
+        to_light, strength = see_light(view, kind, light, vector_at(ray + POSITION), vector_at(ray + ATTENUATION))
         cosine = dot(vector_at(ray + NORMAL), to_light)
         facing = mask_to_bits(cosine > zero) & bits
         counters[_SKIPPED_FACING] += population_count(bits & ~facing)
@@ -223,7 +251,6 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
     """
     stand_alone()
     i = N_LIGHT * light
-    zero = splat(VECTOR, 0.0)
     diffuse, specular = spread(at(view.lights, i + LIGHT_DIFFUSE)), spread(at(view.lights, i + LIGHT_SPECULAR))
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE
@@ -231,14 +258,14 @@ def add_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int
             continue
         ray = packet + STEP * k
         arriving = scale(vector_at(shadows + LIGHT + STEP * k), load(VECTOR, ray + STRENGTH))
-        reflected = scale(multiply(vector_at(ray + DIFFUSE), diffuse), load(VECTOR, ray + COSINE))
-        ks = multiply(vector_at(ray + SPECULAR), specular)
-        if any_lane((ks.x > zero) | (ks.y > zero) | (ks.z > zero)):
-            half = add(vector_at(ray + TO_LIGHT), negate(vector_at(ray + DIRECTION)))
-            squared = dot(half, half)  # 0 when l = -v
-            n_dot_h = dot(vector_at(ray + NORMAL), half)
-            n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
-            highlight = power(maximum(n_dot_h, zero), load(VECTOR, ray + EXPONENT))
-            reflected = add(reflected, scale(ks, highlight))
+        reflected = reflect_light(
+            multiply(vector_at(ray + DIFFUSE), diffuse),
+            multiply(vector_at(ray + SPECULAR), specular),
+            load(VECTOR, ray + COSINE),
+            load(VECTOR, ray + EXPONENT),
+            vector_at(ray + NORMAL),
+            vector_at(ray + TO_LIGHT),
+            vector_at(ray + DIRECTION),
+        )
         gained = multiply(reflected, arriving)
         put_vector(ray + COLOR, mask_of(lanes, k), add(vector_at(ray + COLOR), gained))

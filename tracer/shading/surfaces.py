@@ -47,7 +47,7 @@ from tracer.shading.rows import (
     vector_at,
 )
 from tracer.shading.surface import make_surface
-from tracer.shading.texture import sample_texture
+from tracer.shading.texture import SAMPLE_BYTES, sample_lanes
 from tracer.simd import (
     all_lanes,
     count_trailing_zeros,
@@ -95,7 +95,6 @@ from tracer.types import (
 _int64: Final = types.int64
 _float64: Final = types.float64
 _GAMMA_8: Final = gamma(8)
-_TEXEL_BYTES: Final = 3 * STEP
 
 
 @inline
@@ -111,7 +110,7 @@ def _lanes_of(packet: int, lanes: int, primitive: int) -> Any:
 
 
 @inline
-def _blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
+def blend(a: Any, b: Any, c: Any, b0: Any, b1: Any, b2: Any) -> Any:
     """Weighted sum of three corners' values, spread over the lanes."""
     return Vec3(
         b0 * splat(VECTOR, a.x) + b1 * splat(VECTOR, b.x) + b2 * splat(VECTOR, c.x),
@@ -184,6 +183,31 @@ def _to_world(view: SceneView, i: int, point: Vec3) -> Vec3:
     return add(transform(view.placement_maps, i + MAP_TO_WORLD, point), at(view.placement_maps, i + MAP_ORIGIN))
 
 
+@inline
+def face_normals(flags: int, across: Vec3, n0: Vec3, n1: Vec3, n2: Vec3) -> Any:
+    """Return (whether the vertices' normals differ, geometric normal, shading normal where they do not).
+
+    Parameters
+    ----------
+    flags
+        FACE_*.
+    across
+        Cross product of the edges from the first vertex.
+    n0, n1, n2
+        The vertices' normals.
+    """
+    normal = normalize(across)
+    # flat faces with vertex normals all the same: walls, boxes
+    uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
+    smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
+    facing = normal
+    if flags & FACE_HAS_NORMALS and uniform:
+        facing = normalize(n0)
+        if dot(normal, facing) < 0.0:
+            normal = negate(normal)
+    return smooth, normal, facing
+
+
 @kernel
 def _fill_triangle(
     view: SceneView, ambient: Vec3, packet: int, lanes: int, primitive: int, face: int, material: int, moved: int
@@ -240,24 +264,15 @@ def _fill_triangle(
         _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach + more.z,
     )
     errors = spread(error)
-    normal = normalize(normal)
     flags = int64(view.face_flags[face])
     two_sided = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
     texture = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE])
     wrap = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_WRAP])
     filtering = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_FILTER])
+    smooth, normal, facing = face_normals(flags, normal, n0, n1, n2)
     c0, c1, c2 = at(view.vertex_colors, 3 * i0), at(view.vertex_colors, 3 * i1), at(view.vertex_colors, 3 * i2)
-    # Flat faces with vertex normals all the same: walls, boxes.
-    uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
-    smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
-    if flags & FACE_HAS_NORMALS and uniform:
-        facing = normalize(n0)
-        if dot(normal, facing) < 0.0:
-            normal = negate(normal)
-    else:
-        facing = normal
     flat, away, level = spread(normal), spread(negate(normal)), spread(facing)
-    scratch = stack_memory(_TEXEL_BYTES)
+    scratch = stack_memory(SAMPLE_BYTES)
     one = splat(VECTOR, 1.0)
     zero = splat(VECTOR, 0.0)
     behind_lanes = _int64(0)
@@ -269,12 +284,12 @@ def _fill_triangle(
         ray = packet + STEP * i
         b1, b2 = load(VECTOR, ray + weight_1), load(VECTOR, ray + weight_2)
         b0 = (one - b1) - b2
-        put_vector(ray + POSITION, mask, _blend(p0, p1, p2, b0, b1, b2))
+        put_vector(ray + POSITION, mask, blend(p0, p1, p2, b0, b1, b2))
         put_vector(ray + ERROR, mask, errors)
         shading = level
         geometric = flat
         if smooth:  # as given, then unit
-            shading = _make_unit(_blend(n0, n1, n2, b0, b1, b2), normal, scratch)
+            shading = _make_unit(blend(n0, n1, n2, b0, b1, b2), normal, scratch)
             geometric = choose(dot(flat, shading) < zero, away, flat)
         behind = dot(geometric, vector_at(ray + DIRECTION)) > zero
         behind_lanes |= (mask_to_bits(behind) & bits) << (LANES * i)
@@ -283,7 +298,7 @@ def _fill_triangle(
         put_vector(ray + NORMAL, mask, turned)
         tint = Vec3(one, one, one)
         if flags & FACE_HAS_COLORS:
-            tint = _blend(c0, c1, c2, b0, b1, b2)
+            tint = blend(c0, c1, c2, b0, b1, b2)
         if texture >= 0:
             u, v = zero, zero
             if flags & FACE_HAS_UVS:
@@ -294,25 +309,7 @@ def _fill_triangle(
                     + b1 * splat(VECTOR, uvs[2 * i1 + 1])
                     + b2 * splat(VECTOR, uvs[2 * i2 + 1])
                 )
-            store(scratch, u)
-            store(scratch + STEP, v)
-            while bits != 0:
-                lane = 8 * count_trailing_zeros(bits)
-                bits &= bits - 1
-                texel = sample_texture(
-                    view.textures,
-                    view.texels,
-                    texture,
-                    wrap,
-                    filtering,
-                    load(_float64, scratch + lane),
-                    load(_float64, scratch + STEP + lane),
-                )
-                store(scratch + lane, texel.x)
-                store(scratch + STEP + lane, texel.y)
-                store(scratch + 2 * STEP + lane, texel.z)
-            texels = Vec3(load(VECTOR, scratch), load(VECTOR, scratch + STEP), load(VECTOR, scratch + 2 * STEP))
-            tint = multiply(tint, texels)
+            tint = multiply(tint, sample_lanes(view, texture, wrap, filtering, u, v, bits, scratch))
         _put_material(view, ambient, ray, mask, material, tint)
         put_integers(ray + START, mask, splat(INTEGERS, primitive))
     return behind_lanes

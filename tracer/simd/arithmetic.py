@@ -352,6 +352,30 @@ def shift_right_logical(_typing: Any, value: Any, count: Any) -> Any:
 
 
 @intrinsic
+def opaque(_typing: Any, value: Any) -> Any:
+    """Return the same float64 lanes, but LLVM does not see where they come from; costs nothing.
+
+    It makes one masked store of a load, a select and a store to the same place, and masked stores take 20 cycles and
+    more on some CPUs (Zen 2: Fog's tables, VMASKMOVPD), where the three take 3.
+    """
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return call_intrinsic(builder, f"llvm.arithmetic.fence.{suffix(value)}", llvm_type(value), list(args))
+
+    return value(value), generate
+
+
+@intrinsic
+def reverse_bits(_typing: Any, value: Any) -> Any:
+    """Bits of every integer lane in reverse order."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return call_intrinsic(builder, f"llvm.bitreverse.{suffix(value)}", llvm_type(value), list(args))
+
+    return value(value), generate
+
+
+@intrinsic
 def full_like(_typing: Any, value: Any, number: Any) -> Any:
     """``full_like(v, 1.5)``: a literal number in every lane, of v's own type; how generic code writes a constant."""
     del number

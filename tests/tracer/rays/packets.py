@@ -10,7 +10,7 @@ import numpy as np
 from tracer.accel.build import MAX_DEPTH
 from tracer.accel.emit import sorted_order
 from tracer.accel.traverse import closest_shape, shade_by_shapes
-from tracer.accel.view import view_scene
+from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.accel.wide import build_wide
 from tracer.geometry.vector import at
 from tracer.jit import int64, kernel, pointer
@@ -33,7 +33,7 @@ from tracer.rays.rows import (
     WEIGHT_1,
     WEIGHT_2,
 )
-from tracer.simd import address_of, load, store
+from tracer.simd import address_of, load, stack_memory, store
 from tracer.simd.gateway import types
 from tracer.types import MATERIAL_KT, N_MATERIAL, Vec3
 
@@ -200,7 +200,7 @@ def brute_light(vertices, faces, origins, directions, ends=np.inf, skips=-1, kt=
 @kernel
 def _scene_closest(scene, memory, rays, start, end, t, primitive, uv):
     origins, directions, ends, skips = rays
-    view = view_scene(scene)
+    view = view_scene(scene, stack_memory(VIEW_BYTES))
     packet = (address_of(memory) + 63) & ~63
     stack = np.empty(MAX_DEPTH + 4, np.int64)
     o, d = pointer(origins), pointer(directions)
@@ -221,7 +221,7 @@ def _scene_closest(scene, memory, rays, start, end, t, primitive, uv):
 @kernel
 def _scene_light(scene, memory, rays, start, end, light):
     origins, directions, ends, skips = rays
-    view = view_scene(scene)
+    view = view_scene(scene, stack_memory(VIEW_BYTES))
     packet = (address_of(memory) + 63) & ~63
     stack = np.empty(MAX_DEPTH + 4, np.int64)
     o, d = pointer(origins), pointer(directions)

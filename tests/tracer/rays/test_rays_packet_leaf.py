@@ -100,8 +100,10 @@ def test_weights_are_those_of_the_vertices_as_given():
 
 @kernel
 def _cut(rows, n, size, kx, ky, kz, beam):
+    """Bits of the triangles that some ray may meet, and of those that all meet on their way."""
     axes = (int64(kx), int64(ky), int64(kz))
-    return cut_leaf(address_of(rows), int64(n), int64(size), axes, address_of(beam))
+    bits, inside, on_the_way = cut_leaf(address_of(rows), int64(n), int64(size), axes, address_of(beam))
+    return bits, inside & on_the_way
 
 
 def beam_of(axis, sign, x, y, first, last, sure_first, sure_last, centre=(0.0, 0.0, 0.0), scale=1.0):

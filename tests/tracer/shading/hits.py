@@ -2,29 +2,38 @@
 
 import numpy as np
 
-from tracer.accel.view import view_scene
+from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.jit import kernel, pointer
 from tracer.rays.rows import ORIGIN, PACKET, PRIMITIVE, RAY_ROWS, ROW, T_BEST, WEIGHT_1, WEIGHT_2
 from tracer.shading.direct import add_light, face_light
 from tracer.shading.rows import DIRECTION, HIT_ROWS
 from tracer.shading.surfaces import fill_surfaces
-from tracer.simd import address_of
+from tracer.simd import address_of, stack_memory
 from tracer.types import COUNTERS, Vec3
 
 
 @kernel
 def _fill(scene, ambient, hits, lanes):
-    return fill_surfaces(view_scene(scene), Vec3(ambient[0], ambient[1], ambient[2]), address_of(hits), lanes)
+    return fill_surfaces(
+        view_scene(scene, stack_memory(VIEW_BYTES)), Vec3(ambient[0], ambient[1], ambient[2]), address_of(hits), lanes
+    )
 
 
 @kernel
 def _face(scene, light, hits, shadows, lanes, counters):
-    return face_light(view_scene(scene), light, address_of(hits), address_of(shadows), lanes, pointer(counters))
+    return face_light(
+        view_scene(scene, stack_memory(VIEW_BYTES)),
+        light,
+        address_of(hits),
+        address_of(shadows),
+        lanes,
+        pointer(counters),
+    )
 
 
 @kernel
 def _add(scene, light, hits, shadows, lanes):
-    add_light(view_scene(scene), light, address_of(hits), address_of(shadows), lanes)
+    add_light(view_scene(scene, stack_memory(VIEW_BYTES)), light, address_of(hits), address_of(shadows), lanes)
 
 
 def set_of(lanes):

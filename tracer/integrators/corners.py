@@ -1,0 +1,274 @@
+"""What a wave of camera rays sees, told by the four rays through the corners of its pixels.
+
+The camera rays of a rectangle of pixels lie between the rays through its corners. Where these four meet one triangle,
+and the beam between them holds nothing else up to there and passes within its edges
+(:data:`tracer.rays.packet.SOLE`), every ray of the rectangle meets that triangle. What they meet lies within the
+quadrilateral of the corners' hits, so the shadow rays to a lamp lie between the corners' shadow rays, and the same
+question tells whether all of them arrive or none does.
+
+Why the corners speak for all. Rays from one point (the eye, or back from a lamp) or of one direction that start on a
+plane: their lines at any depth are a projective image of the rectangle, so the corners' hull holds all. The distance
+to a plane, its sign, the sign of n . l of a flat face, and the dominant axis with its sense are in a convex hull what
+they are at its corners; each is asked for with a margin above what rounding can amount to. A spot's cone is convex, its
+outside is not.
+
+Invariant: what is said is certain for the rays as they are rounded; else nothing is said (face -1, or a light that is
+in no set).
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+from tracer.accel.layout import HEADER_WIDE_LEAVES
+from tracer.geometry.vector import at, cross, dot, is_black, multiply, subtract
+from tracer.integrators.scratch import Scratch
+from tracer.jit import inline, int64, kernel
+from tracer.rays.camera_lanes import fill_camera_rays
+from tracer.rays.packet import CLOSEST, NONE, SOLE, trace_packet
+from tracer.rays.rows import (
+    AXIS,
+    INTEGERS,
+    NIBBLE,
+    ORIGIN,
+    PRIMITIVE,
+    ROW,
+    SHEAR,
+    SKIP,
+    T_BEST,
+    VECTOR,
+    WEIGHT_1,
+    shear_lanes,
+)
+from tracer.shading.direct import face_light, see_light
+from tracer.shading.rows import ATTENUATION, DIRECTION, GEOMETRIC, NORMAL, POSITION, THROUGHPUT, TO_LIGHT, vector_at
+from tracer.shading.surfaces import face_normals, fill_surfaces
+from tracer.simd import absolute, all_lanes, load, maximum, splat, stand_alone, store
+from tracer.simd.gateway import types
+from tracer.types import (
+    CAMERA_DISTANCE,
+    CAMERA_VIEW_PLANE,
+    FACE_HAS_COLORS,
+    FLAG_TEXTURE,
+    LIGHT_DIFFUSE,
+    LIGHT_SPECULAR,
+    MATERIAL_KD,
+    MATERIAL_KR,
+    MATERIAL_KS,
+    MATERIAL_KT,
+    N_LIGHT,
+    N_MATERIAL,
+    N_MATERIAL_FLAGS,
+    SETTING_CAMERA,
+    SETTING_HEIGHT,
+    SETTING_SHADOWS,
+    SETTING_SKIP,
+    SETTING_WIDTH,
+    SceneView,
+    Vec3,
+)
+
+_float64: Final = types.float64
+_int64: Final = types.int64
+_INF: Final = math.inf
+_MOST_LIGHTS: Final = 62  # sets of lights are int64
+_WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
+_AWAY: Final = 2.0**-30  # of cosines: no rounding changes the sign
+_CLEAR: Final = 2.0**-20  # share of its way that a shadow ray has gone when it meets what darkens it, and has left
+
+
+class Seen(NamedTuple):
+    """What all camera rays of a wave see; sets of lights have bit i for light i."""
+
+    face: int  # -1: nothing is known
+    place: int  # address of the face in its leaf
+    row: int  # bytes of a row there
+    size: int  # bytes of a coordinate there
+    word: int  # the face's word there
+    axis: int  # AXIS of the rays
+    lit: int  # lights of which every shadow ray arrives
+    dark: int  # lights of which every shadow ray meets something opaque
+    black: int  # lights that add nothing to this face
+    away: int  # lights behind it
+    plain: bool  # one normal and colour all over, nothing is mirrored or let through, and each light is in a set
+
+
+@inline
+def nothing_seen() -> Seen:
+    """Return what is said of a wave of which nothing is known."""
+    zero = _int64(0)
+    return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, False)
+
+
+@inline
+def corners_of(view: SceneView, face: int) -> Any:
+    """Return where the coordinates of a face's three vertices begin."""
+    return (
+        3 * int64(view.face_vertices[3 * face]),
+        3 * int64(view.face_vertices[3 * face + 1]),
+        3 * int64(view.face_vertices[3 * face + 2]),
+    )
+
+
+@inline
+def _goes_one_way(packet: int) -> bool:
+    """Tell whether four rays, and so all between them, certainly have one dominant axis and sense."""
+    axis = load(INTEGERS, packet + AXIS)
+    slope = maximum(absolute(load(VECTOR, packet + SHEAR)), absolute(load(VECTOR, packet + SHEAR + ROW)))
+    same = all_lanes(axis == splat(INTEGERS, load(_int64, packet + AXIS)))
+    return bool(same and all_lanes(slope < splat(VECTOR, _WITHIN)))
+
+
+@inline
+def _is_flat(view: SceneView, face: int) -> bool:
+    """Tell whether a face has one shading normal."""
+    i0, i1, i2 = corners_of(view, face)
+    p0 = at(view.vertex_positions, i0)
+    smooth, _normal, _facing = face_normals(
+        int64(view.face_flags[face]),
+        cross(subtract(at(view.vertex_positions, i1), p0), subtract(at(view.vertex_positions, i2), p0)),
+        at(view.vertex_normals, i0),
+        at(view.vertex_normals, i1),
+        at(view.vertex_normals, i2),
+    )
+    return not smooth
+
+
+@inline
+def _is_plain(view: SceneView, face: int) -> bool:
+    """Tell whether a face has one colour, and sends nothing on."""
+    material = int64(view.face_material[face])
+    i = N_MATERIAL * material
+    colored = view.face_flags[face] & FACE_HAS_COLORS != 0
+    textured = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE] >= 0
+    stays = is_black(at(view.materials, i + MATERIAL_KR)) and is_black(at(view.materials, i + MATERIAL_KT))
+    return not colored and not textured and stays
+
+
+@inline
+def _all_dark(view: SceneView, scratch: Scratch, blocker: int) -> bool:
+    """Tell whether four shadow rays, and so all between them, meet an opaque triangle well on their way."""
+    if not is_black(at(view.materials, N_MATERIAL * int64(view.face_material[blocker]) + MATERIAL_KT)):
+        return False
+    shadows = scratch.shadows
+    end = load(VECTOR, shadows + T_BEST)
+    store(shadows + PRIMITIVE, splat(INTEGERS, _int64(-1)))
+    trace_packet(scratch.trees, shadows, _int64(NIBBLE), int64(CLOSEST), int64(0), int64(0), int64(0))
+    t = load(VECTOR, shadows + T_BEST)
+    store(shadows + T_BEST, end)
+    if not all_lanes(load(INTEGERS, shadows + PRIMITIVE) == splat(INTEGERS, blocker)):
+        return False
+    if load(_float64, shadows + T_BEST) == _INF:  # t counts world units: as a share of the scene's size
+        extent = max(
+            view.bvh_root[3] - view.bvh_root[0],
+            view.bvh_root[4] - view.bvh_root[1],
+            view.bvh_root[5] - view.bvh_root[2],
+        )
+        return bool(all_lanes(t > splat(VECTOR, _CLEAR * extent)))
+    return bool(all_lanes((t > splat(VECTOR, _CLEAR)) & (t < splat(VECTOR, 1.0 - _CLEAR))))
+
+
+@inline
+def _faces_away(view: SceneView, scratch: Scratch, light: int) -> bool:
+    """Tell whether a light certainly is behind all between the corners' hits."""
+    hits = scratch.hits
+    to_light, _strength = see_light(
+        view, int64(view.light_kind[light]), light, vector_at(hits + POSITION), vector_at(hits + ATTENUATION)
+    )
+    return bool(all_lanes(dot(vector_at(hits + NORMAL), to_light) < splat(VECTOR, -_AWAY)))
+
+
+@inline
+def _one_side(scratch: Scratch) -> bool:
+    """Tell whether the shadow rays of all between the corners' hits leave on one side of the face."""
+    cosine = dot(vector_at(scratch.hits + GEOMETRIC), vector_at(scratch.hits + TO_LIGHT))
+    margin = splat(VECTOR, _AWAY)
+    return bool(all_lanes(cosine > margin) or all_lanes(cosine < -margin))
+
+
+@inline
+def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
+    """Tell what a light does to all between the corners' hits: 1 lit, -1 dark, 0 not known."""
+    corners = _int64(NIBBLE)
+    # what it counts is nobody's: into memory that only shapes need
+    facing = face_light(view, light, scratch.hits, scratch.shadows, corners, scratch.stack)
+    if facing != corners or not _one_side(scratch):
+        return 0
+    if view.settings[SETTING_SHADOWS] == 0:
+        return 1
+    if not _goes_one_way(scratch.shadows):
+        return 0
+    blocker = trace_packet(scratch.trees, scratch.shadows, corners, int64(SOLE), int64(0), int64(0), int64(0))
+    if blocker == NONE:
+        return 1
+    return -1 if blocker >= 0 and _all_dark(view, scratch, blocker) else 0
+
+
+@kernel
+def look_at_corners(
+    view: SceneView, ambient: Vec3, scratch: Scratch, x0: float, y0: float, x1: float, y1: float
+) -> Seen:
+    """Find out what all camera rays of a rectangle of pixels see.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As for :func:`tracer.integrators.blinn_phong.trace_radiance`; the rays of ``scratch`` are overwritten.
+    x0, y0, x1, y1
+        Rectangle in pixels from the top left corner of the full image.
+    """
+    stand_alone()
+    settings = view.settings
+    hits = scratch.hits
+    if (
+        settings[SETTING_SKIP] == 0
+        or settings[SETTING_CAMERA] != CAMERA_VIEW_PLANE
+        or view.n_shapes + view.n_planes > 0
+        or view.n_placements > 1
+        or view.n_lights > _MOST_LIGHTS
+        or not 1e-100 < view.camera[CAMERA_DISTANCE] < 1e100
+    ):
+        return nothing_seen()
+    x, y = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free so far
+    for corner in range(4):
+        store(x + 8 * corner, _float64(x0 if corner % 2 == 0 else x1))
+        store(y + 8 * corner, _float64(y0 if corner < 2 else y1))
+    width, height = settings[SETTING_WIDTH], settings[SETTING_HEIGHT]
+    fill_camera_rays(view.camera, settings[SETTING_CAMERA], width, height, int64(4), x, hits + ORIGIN, hits + DIRECTION)
+    d = vector_at(hits + DIRECTION)
+    shear_lanes(hits, 0, d.x, d.y, d.z)
+    store(hits + T_BEST, splat(VECTOR, _INF))
+    store(hits + PRIMITIVE, splat(INTEGERS, _int64(-1)))
+    store(hits + SKIP, splat(INTEGERS, _int64(-1)))
+    if not _goes_one_way(hits):
+        return nothing_seen()
+    corners = _int64(NIBBLE)
+    trace_packet(scratch.trees, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0))
+    face = load(_int64, hits + PRIMITIVE)
+    if face < 0 or not all_lanes(load(INTEGERS, hits + PRIMITIVE) == splat(INTEGERS, face)):
+        return nothing_seen()
+    fill_surfaces(view, ambient, hits, corners)
+    # the rays end now at their hits: what is behind these does not count
+    if trace_packet(scratch.trees, hits, corners, int64(SOLE), int64(0), int64(0), int64(0)) != face:
+        return nothing_seen()
+    place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
+    word = load(_int64, hits + WEIGHT_1 + 16)
+    size = _int64(8 if load(_int64, scratch.trees + 8 * HEADER_WIDE_LEAVES) else 4)
+    flat = _is_flat(view, face)
+    material = N_MATERIAL * int64(view.face_material[face])
+    lit, dark, black, away = _int64(0), _int64(0), _int64(0), _int64(0)
+    for light in range(view.n_lights):
+        i = N_LIGHT * light
+        kd = multiply(at(view.materials, material + MATERIAL_KD), at(view.lights, i + LIGHT_DIFFUSE))
+        ks = multiply(at(view.materials, material + MATERIAL_KS), at(view.lights, i + LIGHT_SPECULAR))
+        if flat and _faces_away(view, scratch, light):
+            away |= _int64(1) << light
+        elif is_black(kd) and is_black(ks):
+            black |= _int64(1) << light
+        else:
+            judgement = _judge_light(view, scratch, light)
+            if judgement > 0:
+                lit |= _int64(1) << light
+            elif judgement < 0:
+                dark |= _int64(1) << light
+    plain = flat and _is_plain(view, face) and lit | dark | black | away == (_int64(1) << view.n_lights) - 1
+    return Seen(face, place, row, size, word, load(_int64, hits + AXIS), lit, dark, black, away, plain)
