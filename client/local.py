@@ -300,6 +300,8 @@ def _report(scene: "SceneDoc", film: "Film", film_sha256: str) -> dict[str, Any]
         "samples_traced": samples,
         "skipped": {name: count for name, count in film.counters.items() if name != "samples" and name not in rays},
         "triangles": film.stats.n_triangles,
-        "bytes": {"compiled_scene": film.stats.n_bytes},
+        "trees": film.stats.n_trees,
+        "placements": film.stats.n_placements,
+        "bytes": {"compiled_scene": film.stats.n_bytes, "saved_by_sharing": film.stats.n_bytes_saved},
         "warnings": list(film.stats.warnings),
     }

@@ -68,6 +68,9 @@ def work_rows(report: Mapping[str, Any]) -> list[list[str]]:
         rows.append(["tiles", f"{tiles['n']} of {tiles.get('size', '?')} px"])
     if _number(report.get("triangles")) is not None:
         rows.append(["triangles", format_count(report["triangles"])])
+    trees, placements = _number(report.get("trees")), _number(report.get("placements"))
+    if trees and placements and placements > 1:
+        rows.append(["placements", f"{format_count(placements)} of {format_count(trees)} trees"])
     for name in ("primary_rays", "shadow_rays", "reflection_rays", "transmission_rays"):
         if _number(rays.get(name)) is not None:
             rows.append([name.replace("_", " "), format_count(rays[name])])  # noqa: PERF401 - as the lines around it
@@ -77,7 +80,9 @@ def work_rows(report: Mapping[str, Any]) -> list[list[str]]:
         rows.append(["speed", format_count(rays["per_s"], "rays/s")])
     scene_bytes = _number(_mapping(report.get("bytes")).get("compiled_scene"))
     if scene_bytes:
-        rows.append(["compiled scene", format_bytes(scene_bytes)])
+        saved = _number(_mapping(report.get("bytes")).get("saved_by_sharing"))
+        more = f"; shared meshes save {format_bytes(saved)}" if saved else ""
+        rows.append(["compiled scene", format_bytes(scene_bytes) + more])
     return rows
 
 

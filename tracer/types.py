@@ -5,9 +5,13 @@ Invariants
 * Every field of :class:`CompiledScene` is a C-contiguous, writable-or-not numpy array of a fixed dtype and a fixed
   number of dimensions (``FIELDS``), present even when empty: so there is one specialisation of each kernel, and a
   scene is saved as one file per field and memory-mapped again with the same numba type.
-* World space throughout; transforms are baked into mesh vertices. Shapes keep an affine map to their local space.
-* Primitive ids: triangles first (``0 <= id < n_triangles``), then finite shapes (``n_triangles + shape``), then
-  infinite planes (``n_triangles + n_shapes + plane``). Equal distances are won by the lowest id.
+* World space throughout, but for meshes that share a tree: these stay in their own space, and each *placement* of such
+  a tree has an affine map to the world. Elsewhere transforms are baked into vertices. Shapes keep an affine map to
+  their local space.
+* Primitive ids: triangles first (``0 <= id < n_triangles``, placement by placement: a triangle that is placed twice has
+  two ids), then finite shapes (``n_triangles + shape``), then infinite planes (``n_triangles + n_shapes + plane``).
+  Equal distances are won by the lowest id.
+* There is at least one placement. A scene with only one has it untransformed.
 
 Equations are those of [farmer2019].
 """
@@ -138,6 +142,29 @@ FACE_HAS_NORMALS: Final = 1  # bits of face_flags: interpolate vertex normals, u
 FACE_HAS_UVS: Final = 2
 FACE_HAS_COLORS: Final = 4
 
+# --- placements of trees: int64 (n_placements, N_PLACEMENT) ---------------------------------------------------------
+PLACEMENT_FIRST: Final = 0  # its triangles' ids: FIRST .. END; the next placement's follow
+PLACEMENT_END: Final = 1
+PLACEMENT_TREE: Final = 2  # first word of its tree in `trees`
+PLACEMENT_FACE: Final = 3  # row of face_vertices and face_flags of its first triangle
+PLACEMENT_MATERIAL: Final = 4  # row of face_material of its first triangle
+PLACEMENT_KIND: Final = 5  # PLACED_*
+N_PLACEMENT: Final = 6
+
+PLACED_AS_IS: Final = 0  # vertices are in world space
+PLACED_MOVED: Final = 1  # vertices are in the mesh's own space; `placement_maps` says where that is
+PLACED_MIRRORED: Final = 2  # the same, and the map turns a right hand into a left one: the winding is swapped
+
+# placement_maps: float64 (n_placements, N_MAP)
+MAP_ORIGIN: Final = 0  # 0..2    p_world = origin + to_world @ p_object
+MAP_TO_WORLD: Final = 3  # 3..11   row by row
+MAP_TO_OBJECT: Final = 12  # 12..20  its inverse, each number rounded once
+MAP_BOX: Final = 21  # 21..26  world bounds: low x, y, z, high x, y, z; (+inf, -inf) when nothing is in it
+MAP_ERROR: Final = 27  # 27..29  what going to the object's space and back can add to a hit point's error, world
+MAP_PAD: Final = 30  # share of the distance by which a ray can pass its box and still meet what is in it
+MAP_TOP_PAD: Final = 31  # the largest MAP_PAD of all
+N_MAP: Final = 32
+
 
 class Vec3(NamedTuple):
     """Three scalars: a point, a direction or a colour. As fast as separate arguments in compiled code."""
@@ -150,7 +177,12 @@ class Vec3(NamedTuple):
 class Bvh(NamedTuple):
     """The hierarchies of a scene; fields as in :class:`CompiledScene`."""
 
-    tree: NDArray[np.int64]
+    trees: NDArray[np.int64]
+    placements: NDArray[np.int64]
+    placement_maps: NDArray[np.float64]
+    top_bounds: NDArray[np.float64]
+    top_children: NDArray[np.int32]
+    top_slots: NDArray[np.int32]
     bvh_bounds: NDArray[np.float64]
     bvh_children: NDArray[np.int32]
     bvh_slots: NDArray[np.int32]
@@ -166,13 +198,13 @@ class CompiledScene(NamedTuple):
     background: NDArray[np.float64]  # (3,) linear RGB of a primary or bounced ray that meets nothing
     ambient: NDArray[np.float64]  # (3,) sum of the global ambient lights, linear RGB
 
-    vertex_positions: NDArray[np.float64]  # (nv, 3) world; finite
-    vertex_normals: NDArray[np.float64]  # (nv, 3) world, by the inverse transpose, NOT normalised; 0 where absent
+    vertex_positions: NDArray[np.float64]  # (nv, 3) world, or the mesh's own space where placements move it; finite
+    vertex_normals: NDArray[np.float64]  # (nv, 3) the same space, by the inverse transpose, NOT normalised; 0 if absent
     vertex_uvs: NDArray[np.float64]  # (nv, 2) v grows upwards; 0 where absent
     vertex_colors: NDArray[np.float64]  # (nv, 3) linear RGB, multiplies ka and kd; 1 where absent
     face_vertices: NDArray[np.int32]  # (nt, 3) rows of the vertex arrays; 2nd and 3rd swapped under a mirroring
-    #                                    transform (det < 0), so that the winding stays outward
-    face_material: NDArray[np.int32]  # (nt,) row of materials
+    #                                    baked transform (det < 0), so that the winding stays outward
+    face_material: NDArray[np.int32]  # (>= nt,) row of materials; placements with the same choice share rows
     face_flags: NDArray[np.uint8]  # (nt,) bits FACE_HAS_*
 
     shape_kind: NDArray[np.int32]  # (ns,) SHAPE_*
@@ -193,7 +225,13 @@ class CompiledScene(NamedTuple):
     lights: NDArray[np.float64]  # (n_lights, N_LIGHT) LIGHT_*
     light_kind: NDArray[np.int32]  # (n_lights,) LIGHT_KIND_*
 
-    tree: NDArray[np.int64]  # (n,) the triangles' wide tree, as tracer.accel.layout says
+    trees: NDArray[np.int64]  # (n,) the triangles' wide trees, each as tracer.accel.layout says, one behind the other
+    placements: NDArray[np.int64]  # (n_placements, N_PLACEMENT) PLACEMENT_*
+    placement_maps: NDArray[np.float64]  # (n_placements, N_MAP) MAP_*
+    # the placements' tree, as the shapes' below:
+    top_bounds: NDArray[np.float64]  # (n_nodes, 12) world
+    top_children: NDArray[np.int32]  # (n_nodes, 4)
+    top_slots: NDArray[np.int32]  # (n_placements,)
     # the finite shapes' tree:
     bvh_bounds: NDArray[np.float64]  # (n_nodes, 12) per axis: low of child 0, of child 1, high of 0, of 1; the root
     #                                    is node 0
@@ -238,15 +276,21 @@ class SceneView(NamedTuple):
     texels: NDArray[np.float32]
     lights: NDArray[np.float64]
     light_kind: NDArray[np.int32]
-    tree: NDArray[np.int64]
+    trees: NDArray[np.int64]
+    placements: NDArray[np.int64]
+    placement_maps: NDArray[np.float64]
+    top_bounds: NDArray[np.float64]
+    top_children: NDArray[np.int32]
+    top_slots: NDArray[np.int32]
     bvh_bounds: NDArray[np.float64]
     bvh_children: NDArray[np.int32]
     bvh_slots: NDArray[np.int32]
     bvh_root: NDArray[np.float64]
-    n_triangles: int
+    n_triangles: int  # placed ones
     n_shapes: int
     n_planes: int
     n_lights: int
+    n_placements: int
 
 
 class FilmBlocks(NamedTuple):
@@ -286,7 +330,12 @@ FIELDS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "texels": ("float32", (None, 3)),
     "lights": ("float64", (None, N_LIGHT)),
     "light_kind": ("int32", (None,)),
-    "tree": ("int64", (None,)),
+    "trees": ("int64", (None,)),
+    "placements": ("int64", (None, N_PLACEMENT)),
+    "placement_maps": ("float64", (None, N_MAP)),
+    "top_bounds": ("float64", (None, 12)),
+    "top_children": ("int32", (None, 4)),
+    "top_slots": ("int32", (None,)),
     "bvh_bounds": ("float64", (None, 12)),
     "bvh_children": ("int32", (None, 4)),
     "bvh_slots": ("int32", (None,)),
@@ -313,3 +362,5 @@ def check_layout(scene: CompiledScene) -> None:
             raise ValueError(f"{name}: {array.dtype} {array.shape}, expected C-contiguous {dtype} {shape}")
         if any(want is not None and want != have for want, have in zip(shape, array.shape, strict=True)):
             raise ValueError(f"{name}: shape {array.shape}, expected {shape}")
+    if len(scene.placements) == 0 or len(scene.placement_maps) != len(scene.placements):
+        raise ValueError("placements: expected at least one, and a map for each")

@@ -144,7 +144,13 @@ def build_report(
         "skipped": skipped,
         "tiles": {"n": totals.n_tiles, "size": record.output["tile_size"], "workers": dict(totals.workers)},
         "triangles": figures.get("triangles"),
-        "bytes": {"compiled_scene": figures.get("bytes"), **sizes},
+        "trees": figures.get("n_trees"),
+        "placements": figures.get("n_placements"),
+        "bytes": {
+            "compiled_scene": figures.get("bytes"),
+            "saved_by_sharing": figures.get("n_bytes_saved"),
+            **sizes,
+        },
         "warnings": list(figures.get("warnings", ())),
         "faults": dict(faults),
     }

@@ -51,6 +51,14 @@ def test_work_rows_tell_how_busy_the_workers_were() -> None:
     assert rows["speed"] == "1.50 Mrays/s"
 
 
+def test_placements_are_told_where_there_are_several() -> None:
+    assert "placements" not in dict(work_rows({**REPORT, "trees": 1, "placements": 1}))
+    shared = {"trees": 2, "placements": 65, "bytes": {"compiled_scene": 6e5, "saved_by_sharing": 3.77e7}}
+    rows = dict(work_rows({**REPORT, **shared}))
+    assert rows["placements"] == "65 of 2 trees"
+    assert rows["compiled scene"] == "600 kB; shared meshes save 37.7 MB"
+
+
 def test_skipped_work_that_never_occurred_is_left_out() -> None:
     assert skipped_rows(REPORT) == [["shadow rays to lights behind the surface", "12.3 k"], ["something new", "1"]]
 

@@ -134,6 +134,41 @@ MUTANTS = [
         "return Vec3(position.x, position.y, position.z)",
     ),
     Mutant(
+        "one-frame-for-all",
+        "N1",
+        "render/parts.py",
+        "_RESOLVED: Final = 2.0**18",
+        "_RESOLVED: Final = 2.0**200",
+    ),
+    Mutant(
+        "placed-error-lost",
+        "N9",
+        "accel/placing.py",
+        "gamma(32) * (both @ extent)",
+        "gamma(0) * (both @ extent)",
+    ),
+    Mutant(
+        "placed-ids-lost",
+        "N2",
+        "rays/placed.py",
+        "load(INTEGERS, mine + PRIMITIVE) + offset",
+        "load(INTEGERS, mine + PRIMITIVE)",
+    ),
+    Mutant(
+        "placed-normals-by-the-map",  # not by the inverse transpose
+        "N11",
+        "shading/surfaces.py",
+        "n0 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n0)",
+        "n0 = transform(view.placement_maps, place + MAP_TO_WORLD, n0)",
+    ),
+    Mutant(
+        "placed-mirrors-inside-out",
+        "N11",
+        "shading/surfaces.py",
+        "            normal = negate(normal)\n        more",
+        "            pass\n        more",
+    ),
+    Mutant(
         "rests-dropped",
         "N23",
         "integrators/sums.py",

@@ -1,10 +1,20 @@
-"""N1: closed meshes at all places and scales lose no ray and count none twice. Oracle: topology."""
+"""N1: closed meshes at all places and scales lose no ray and count none twice. Oracle: topology.
+
+Also two of them 1e7 diameters apart in one scene: no ray is lost there either, and none has more to visit than if its
+mesh were alone (:func:`far_pair`).
+"""
 
 import numpy as np
 from closed_meshes import AIMS, MESHES, rays_from_inside
 from row import Row
 
+from tests.tracer.rays.packets import find_closest
+from tests.tracer.rays.visits import count_visits
+from tracer.accel import build_tree, join_hierarchies
 from tracer.rays import RayCaster
+from tracer.render.parts import MeshRecord, build_parts
+from tracer.render.tiny import make_scene
+from tracer.scene import IDENTITY
 
 OFFSETS = (0.0, 1.5e5, 1e7, 1e12)  # in mesh diameters
 SCALES = (1e-6, 1.0, 1e6)
@@ -40,6 +50,48 @@ def batches(cases, seed, chunk=100_000):
                 yield (*cell, aim), caster, vertices, faces, origins[usable], directions[usable]
 
 
+def far_pair(name, scale):
+    """A mesh and its twin 1e7 diameters away, as a scene is made of them: (scene, meshes, where rays start)."""
+    pairs = [(*placed(name, offset, scale), MESHES[name][0]()) for offset in (0.0, 1e7)]
+    records = []
+    for vertices, faces, *_ in pairs:
+        none, flags = np.zeros(len(faces), np.int32), np.zeros(len(faces), np.uint8)
+        records.append(MeshRecord(vertices, None, None, None, faces, flags, none, IDENTITY, ""))
+    parts = build_parts(records, build_tree)
+    scene = make_scene()
+    hierarchies = join_hierarchies(
+        parts.trees, parts.placements, scene.shape_kind, scene.shape_origin, scene.shape_to_world
+    )
+    return scene._replace(**parts.arrays, **hierarchies._asdict()), parts, pairs
+
+
+def run_far(cases, rng):
+    """Rays in far pairs: (rays, wrong answers, largest ratio of a ray's work to that in its mesh alone)."""
+    total = wrong = 0
+    most = 0.0
+    cells = [(name, scale) for name in MESHES for scale in SCALES if placed(name, 1e7, scale) is not None]
+    for name, scale in cells:
+        scene, parts, pairs = far_pair(name, scale)
+        for number, (vertices, faces, centre, reach, _) in enumerate(pairs):
+            caster = RayCaster(vertices, faces)
+            for aim in AIMS:
+                n = max(4, cases // (len(cells) * 2 * len(AIMS)))
+                origins, directions = rays_from_inside(vertices, faces, aim, n, rng, centre, reach)
+                usable = np.abs(directions).max(1) > 0
+                origins, directions = origins[usable], directions[usable]
+                alone, hits = caster.closest_hit(origins, directions), find_closest(scene, origins, directions)
+                same = (hits.primitive == alone.primitive + number * len(faces)) & (alone.primitive >= 0)
+                wrong += int((~same).sum())
+                total += len(origins)
+                if aim == "random":
+                    work = sum(count_visits(tree, origins[:50], directions[:50]) for tree in parts.trees)
+                    work = work + len(parts.trees) - 1  # boxes of placements
+                    most = max(
+                        most, float((work / count_visits(caster.bvh.buffer, origins[:50], directions[:50])).max())
+                    )
+    return total, wrong, most
+
+
 def run(cases, seed=1):
     total = misses = wrong = disagree = 0
     for _cell, caster, _vertices, _faces, origins, directions in batches(cases, seed):
@@ -48,6 +100,9 @@ def run(cases, seed=1):
         misses += int((~found).sum())
         wrong += int((caster.count_hits(origins, directions) % 2 == 0).sum())
         disagree += int((caster.any_hit(origins, directions) != found).sum())
+    far, far_wrong, most = run_far(cases // 10, np.random.default_rng(seed))
+    if most > 2.0:  # one frame over both has each ray visit all of its mesh
+        far_wrong += 1
     degenerate = sorted({(name, offset) for name, offset, scale in CELLS if placed(name, offset, scale) is None})
-    note = f"misses {misses}, parity {wrong}, any-hit {disagree}; degenerate cells {degenerate}"
-    return Row("N1", "closed meshes, single rays", total, misses + wrong + disagree, 0.0, 0.0, note)
+    note = f"misses {misses}, parity {wrong}, any-hit {disagree}; 1e7 diameters apart: wrong {far_wrong}, work at most {most:.2f} of a mesh alone; degenerate cells {degenerate}"
+    return Row("N1", "closed meshes, single rays", total + far, misses + wrong + disagree + far_wrong, 0.0, 0.0, note)

@@ -1,8 +1,9 @@
 """N2: every path gives the same primitive and, bit for bit, the same t, u and v; brute force on a part of them.
 
-The paths: single rays, many in flight, tiles of 64 as they come in a batch, and the renderer's packets. Rays as they
-come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a time that
-are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at.
+The paths: single rays, many in flight, tiles of 64 as they come in a batch, the renderer's packets, and placements. Rays
+as they come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a
+time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at. A
+placement that is moved decides about the ray in its own space: brute force does so about the same moved ray.
 """
 
 import numpy as np
@@ -11,11 +12,14 @@ from n01 import batches
 from packets import by_packets
 from row import Row
 
+from tests.tracer.rays.packets import find_closest
+from tests.tracer.rays.placements import place, random_turn, rows_of
 from tracer.rays.caster import Hits, checked_rays
 from tracer.rays.coherent import trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST
 from tracer.rays.single import trace_single
 from tracer.rays.stream import trace_stream
+from tracer.types import MAP_ORIGIN, MAP_TO_OBJECT
 
 BRUTE = 200  # rays a batch that every face is tested against
 TOGETHER = 4  # rays a batch that 63 others go along with
@@ -81,10 +85,39 @@ def with_limits(origins, directions, times, rng):
     return checked_rays(origins, directions, t_min, t_max)
 
 
+def moved_rays(origins, directions, row):
+    """Rays in a placement's own space, by the renderer's arithmetic: the direction from its shear, products in order."""
+    kz = 2 - np.abs(directions[:, ::-1]).argmax(1)  # z before y before x where equal
+    n = np.arange(len(kz))
+    kx, ky = (kz + 1) % 3, (kz + 2) % 3
+    inverse = 1.0 / directions[n, kz]
+    again = directions.copy()
+    again[n, kx] = (directions[n, kx] * inverse) * directions[n, kz]
+    again[n, ky] = (directions[n, ky] * inverse) * directions[n, kz]
+    m = row[MAP_TO_OBJECT : MAP_TO_OBJECT + 9].reshape(3, 3)
+    by = lambda v: np.stack([m[k, 0] * v[:, 0] + m[k, 1] * v[:, 1] + m[k, 2] * v[:, 2] for k in range(3)], 1)  # noqa: E731
+    return by(origins - row[MAP_ORIGIN : MAP_ORIGIN + 3]), by(again)
+
+
+def by_placements(vertices, faces, origins, directions, rng):
+    """Wrong answers of a scene with one mesh as it is, one moved, and one too far away to be met."""
+    size = np.abs(vertices - vertices.mean(0)).max()
+    turned = random_turn(rng) @ np.diag([1.0, rng.choice([-1.0, 1.0]), 2.0])
+    shift = vertices.mean(0) - turned @ vertices.mean(0) + rng.standard_normal(3) * size
+    uses = [(0, None), (0, rows_of(turned, shift)), (0, rows_of(np.eye(3), [1e9 * (size + np.abs(shift).max()), 0, 0]))]
+    scene = place([(vertices, faces)], uses).scene
+    hits = find_closest(scene, origins, directions)
+    t, primitive, _ = by_brute_force(vertices, faces, origins, directions)
+    moved = by_brute_force(vertices, faces, *moved_rays(origins, directions, scene.placement_maps[1]))
+    nearer = moved[0] < t
+    t, primitive = np.where(nearer, moved[0], t), np.where(nearer, moved[1] + len(faces), primitive)
+    return int(((hits.t != t) | (hits.primitive != primitive)).sum())
+
+
 def run(cases, seed=2):
     total = brute = 0
     rng = np.random.default_rng(seed + 1000)
-    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", *PATHS), 0)
+    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "placements", *PATHS), 0)
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
         together = bundles(origins, directions, rng)
         for o, d in ((origins, directions), fan_out(origins, directions), together):
@@ -93,6 +126,7 @@ def run(cases, seed=2):
             wrong["packet"] += int(((times != hits.t) | (primitives != hits.primitive)).sum())
             wrong["any-hit in packets"] += int((met != (hits.primitive >= 0)).sum())
             true_times, true_primitives, _ = by_brute_force(vertices, faces, o[:BRUTE], d[:BRUTE])
+            wrong["placements"] += by_placements(vertices, faces, o[:BRUTE], d[:BRUTE], rng)
             differs = (true_times != hits.t[:BRUTE]) | (true_primitives != hits.primitive[:BRUTE])
             wrong["caster"] += int(differs.sum())
             for rays in (checked_rays(o, d, 0.0, np.inf), with_limits(o, d, hits.t, rng)):

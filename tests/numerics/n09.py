@@ -2,7 +2,8 @@
 
 The renderer's way: an origin offset by the point's error bound, and the face that is left named. Convex meshes and
 spheres, at coordinates of 1e-8 to 1e8, leaving at 1e-8 rad to a right angle. Going out, a ray meets
-nothing; going in, it meets the far side.
+nothing; going in, it meets the far side. From placements too, turned, squeezed up to 1e6 : 1, mirrored and moved by up to
+1e4 times their size: there nothing is met even where the face is not named.
 """
 
 import math
@@ -11,6 +12,8 @@ import numpy as np
 from packets import by_packets
 from row import Row
 
+from tests.tracer.rays.packets import find_closest
+from tests.tracer.rays.placements import place, random_turn, rows_of
 from tests.tracer.shading.hits import meet
 from tracer.geometry.shapes import cross_shape, locate_on_shape
 from tracer.geometry.vector import subtract
@@ -99,6 +102,43 @@ def convex(n, rng):
     return vertices, np.concatenate(faces).astype(np.int32)
 
 
+def grid(n, linear, rng):
+    """A flat mesh, across the direction in which a map stretches most: what strays meets one of its other triangles."""
+    x, y = np.meshgrid(np.sort(rng.uniform(-1, 1, n)), np.sort(rng.uniform(-1, 1, n)), indexing="ij")
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    plane = np.linalg.svd(linear)[2][1:]
+    return np.stack([x.ravel(), y.ravel()], 1) @ plane, faces.astype(np.int32)
+
+
+def leave_placements(cases, rng):
+    """Rays that leave placed convex meshes: (rays, met again, met again where the face is not named)."""
+    total = again = bare = 0
+    for number in range(max(20, cases // 300)):
+        linear = random_turn(rng) @ np.diag(10.0 ** rng.uniform(-3, 3, 3)) @ random_turn(rng)
+        linear = linear * 10.0 ** rng.uniform(-6, 6) * (-1.0) ** number
+        vertices, faces = convex(24, rng) if number % 4 < 2 else grid(6, linear, rng)
+        size = np.abs(linear).max()
+        shift = rng.standard_normal(3) * size * rng.choice([0.0, 1.0, 1e4])
+        away = rows_of(np.eye(3) * size, [1e12 * (size + np.abs(shift).max()), 0, 0])
+        scene = place([(vertices, faces)], [(0, rows_of(linear, shift)), (0, away)]).scene
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a) @ np.linalg.inv(linear)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        primitives, weights = rng.integers(0, len(faces), 300), rng.dirichlet((0.4, 0.4, 0.4), 300)
+        out = normals[primitives]
+        directions = np.cross(out, rng.normal(size=(300, 3)))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        directions += 10.0 ** rng.uniform(-10, 0, (300, 1)) * out
+        rises = (directions * out).sum(1) > 1e-14 * np.linalg.cond(linear)
+        origins = leave_triangles(scene, primitives, weights[:, 1], weights[:, 2], directions)
+        total += int(rises.sum())
+        again += int((rises & (find_closest(scene, origins, directions, primitives).primitive >= 0)).sum())
+        bare += int((rises & (find_closest(scene, origins, directions).primitive >= 0)).sum())
+    return total, again, bare
+
+
 def run(cases, seed=9):
     rng = np.random.default_rng(seed)
     hit_again = leaked = bare = total = 0
@@ -148,6 +188,9 @@ def run(cases, seed=9):
     sphere_again = int(((sense > 0) & (verdicts != 0)).sum())
     # a chord of 2 sin(lift) radii is there to be met only if it is longer than the offset: well above 1e-4
     sphere_leaked = int(((lift < -1e-3) & (verdicts != 1) & (radii > 1e-2 * np.linalg.norm(centres, axis=1))).sum())
+    placed, placed_again, placed_bare = leave_placements(cases // 4, rng)
+    total += placed
     note = f"meshes: met again {hit_again}, leaked {leaked}; spheres: met again {sphere_again}, leaked {sphere_leaked}"
-    note += f"; without naming the face that they leave, {bare} met something"
-    return Row("N9", "leave a surface", total, hit_again + leaked + sphere_again + sphere_leaked, 0.0, 0.0, note)
+    note += f"; placements: met again {placed_again}, {placed_bare} without naming the face; without naming the face that they leave, {bare} met something"
+    wrong = hit_again + leaked + sphere_again + sphere_leaked + placed_again + placed_bare
+    return Row("N9", "leave a surface", total, wrong, 0.0, 0.0, note)

@@ -14,6 +14,7 @@ import n04
 import n07
 import n09
 import n10
+import n11
 import n12
 import n16
 import n21
@@ -40,6 +41,7 @@ TESTS = {
     "N8": Test(n07.run_shapes, 400, 100_000, 2),
     "N9": Test(n09.run, 3_000, 10_000_000, 4),
     "N10": Test(n10.run, 2_000, 10_000_000, 2),
+    "N11": Test(n11.run, 300, 20_000, 2),
     "N12": Test(n12.run, 500, 100_000, 2),
     "N15": Test(n16.run_orders, 3, 100, 1),
     "N16": Test(n16.run, 3_000, 100_000, 1),
@@ -55,7 +57,6 @@ ELSEWHERE = {
     "N25": "make mutants",
 }
 WAITING = {
-    "N11": "waits for instances",
     "N13": "waits for nested media",
     "N14": "waits for the path tracer's orthonormal basis",
     "N17": "waits for the path tracer's samplers, BSDFs and area lights",

@@ -1,5 +1,5 @@
-"""Acceleration structures: building and traversing the bounding volume hierarchy."""
+"""Acceleration structures: building and traversing the bounding volume hierarchies."""
 
-from tracer.accel.build import build_bvh
+from tracer.accel.top import Placement, build_bvh, build_tree, join_hierarchies
 
-__all__ = ["build_bvh"]
+__all__ = ["Placement", "build_bvh", "build_tree", "join_hierarchies"]

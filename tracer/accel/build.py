@@ -1,10 +1,8 @@
-"""Build the hierarchies of a scene: the triangles' wide tree, and a two-way one over its finite shapes.
+"""Build a two-way hierarchy over boxes, those of the finite shapes or of placements, by the surface-area heuristic.
 
-The latter by the binned surface-area heuristic.
-
-Invariants: primitives are bounded exactly (traversal, not the boxes, pays for rounding); a leaf holds at most
-:data:`MAX_LEAF` primitives, by ascending id; the depth is at most :data:`MAX_DEPTH`, whatever the input, because ranges
-that the heuristic cannot split (equal centroids) or that sit too deep are halved by count; the result depends on
+Invariants: primitives are bounded exactly (traversal, not the boxes, pays for rounding); a leaf holds at most so many
+primitives as its maker says, by ascending id; the depth is at most :data:`MAX_DEPTH`, whatever the input, because
+ranges that the heuristic cannot split (equal centroids) or that sit too deep are halved by count; the result depends on
 the input alone.
 
 Sources: Wald 2007 (binning); MacDonald and Booth 1990 (heuristic).
@@ -16,12 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.accel.wide import build_wide
 from tracer.jit import kernel
-from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_CYLINDER_OPEN, SHAPE_DISK, SHAPE_SPHERE, Bvh
+from tracer.types import SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_CYLINDER_OPEN, SHAPE_DISK, SHAPE_SPHERE
 
 MAX_DEPTH: Final = 60  # inner nodes on a path; traversal's stack holds one entry for each
-MAX_LEAF: Final = 4  # an exact triangle test costs about as much as a node: larger leaves lose
+MAX_LEAF: Final = 4  # shapes: the test of one costs about as much as a node, larger leaves lose
 _BINS: Final = 16
 _NODE_COST: Final = 1.0  # cost of a node (two boxes) and of a primitive, relative; measured on 4,511 and 80k triangles
 _PRIMITIVE_COST: Final = 1.0
@@ -126,7 +123,7 @@ def _sort_ascending(ids: NDArray[np.int32], first: int, end: int) -> None:
 
 @kernel
 def _build(
-    bounds: NDArray[np.float64],
+    bounds: NDArray[np.float64], max_leaf: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32], int]:
     """Build over primitive bounds (n, 6): node bounds, node children, primitive ids by slot, and the depth."""
     n = bounds.shape[0]
@@ -180,7 +177,7 @@ def _build(
                 node_bounds[node, 4 * j + 2 + child] = high[j]
             # Leave the range a leaf when it is small and splitting it would not pay.
             leaf = count <= 1
-            if 1 < count <= MAX_LEAF:
+            if 1 < count <= max_leaf:
                 cost, axis, _ = _best_split(bounds, ids, begin, stop)
                 area = _half_area(low, high)
                 leaf = axis < 0 or _NODE_COST * area + _PRIMITIVE_COST * cost >= _PRIMITIVE_COST * count * area
@@ -237,49 +234,25 @@ def shape_bounds(
     return bounds
 
 
-def build_bvh(
-    vertex_positions: NDArray[np.float64],
-    face_vertices: NDArray[np.int32],
-    shape_kind: NDArray[np.int32],
-    shape_origin: NDArray[np.float64],
-    shape_to_world: NDArray[np.float64],
-) -> Bvh:
-    """Build the hierarchies over the triangles and the finite shapes of a scene.
-
-    ``CompiledScene(**bvh._asdict(), ...)`` takes what it returns.
+def build_over(
+    bounds: NDArray[np.float64], max_leaf: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
+    """Build a hierarchy over boxes.
 
     Parameters
     ----------
-    vertex_positions : float64 (n_vertices, 3), world
-    face_vertices : int32 (n_triangles, 3), rows of the former
-    shape_kind : int32 (n_shapes,), SHAPE_*
-    shape_origin : float64 (n_shapes, 3), world
-    shape_to_world : float64 (n_shapes, 3, 3)
+    bounds : float64 (n, 6)
+        Lower, then upper corners.
+    max_leaf
+        Most boxes of a leaf.
 
     Returns
     -------
-    Bvh
-        Arrays as :class:`tracer.types.CompiledScene` describes them.
-
-    Raises
-    ------
-    ValueError
-        A coordinate that a face uses is not finite, or an index is out of range.
+    tuple
+        Bounds, children and slots as `bvh_bounds`, `bvh_children` and `bvh_slots` of
+        :class:`tracer.types.CompiledScene`.
     """
-    positions = np.ascontiguousarray(vertex_positions, np.float64)
-    faces = np.ascontiguousarray(face_vertices, np.int32)
-    if len(faces) and not (faces.min() >= 0 and faces.max() < len(positions)):
-        raise ValueError("a face names a vertex that does not exist")
-    bounds = shape_bounds(shape_kind, shape_origin, shape_to_world)
-    root = np.array([bounds[:, :3].min(axis=0, initial=np.inf), bounds[:, 3:].max(axis=0, initial=-np.inf)])
-    for axis in range(3):  # one axis at a time: (n_triangles, 3) numbers at once, not nine
-        coordinates = positions[:, axis][faces]
-        root[0, axis] = min(root[0, axis], coordinates.min(initial=np.inf))
-        root[1, axis] = max(root[1, axis], coordinates.max(initial=-np.inf))
-    if not (np.isfinite(root).all() or len(faces) + len(shape_kind) == 0):
-        raise ValueError("a coordinate is not finite")
-    tree = build_wide(positions, faces).buffer
-    node_bounds, children, slots, depth = _build(bounds)
+    node_bounds, children, slots, depth = _build(bounds, max_leaf)
     if depth > MAX_DEPTH:
         raise AssertionError(f"hierarchy of depth {depth}")
-    return Bvh(tree, node_bounds, children, slots, root)
+    return node_bounds, children, slots

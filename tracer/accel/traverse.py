@@ -125,9 +125,7 @@ def closest_shape(view: SceneView, o: Vec3, d: Vec3, skip: int, t: float, primit
 
 @inline
 def material_of(view: SceneView, primitive: int) -> int:
-    """Row of the primitive's material."""
-    if primitive < view.n_triangles:
-        return int(view.face_material[primitive])
+    """Row of a shape's or plane's material."""
     if primitive < view.n_triangles + view.n_shapes:
         return int(view.shape_material[primitive - view.n_triangles])
     return int(view.plane_material[primitive - view.n_triangles - view.n_shapes])

@@ -19,7 +19,7 @@ from tracer.simd.gateway import (
     register_model,
     types,
 )
-from tracer.types import FIELDS, CompiledScene, SceneView
+from tracer.types import FIELDS, PLACEMENT_END, CompiledScene, SceneView
 
 _NAMES: Final = tuple(get_type_hints(SceneView))
 VIEW_BYTES: Final = 8 * len(_NAMES)
@@ -99,15 +99,21 @@ def _write_table(scene: CompiledScene, table: int) -> None:
     store(table + 192, address_of(pointer(scene.texels)))
     store(table + 200, address_of(pointer(scene.lights)))
     store(table + 208, address_of(pointer(scene.light_kind)))
-    store(table + 216, address_of(pointer(scene.tree)))
-    store(table + 224, address_of(pointer(scene.bvh_bounds)))
-    store(table + 232, address_of(pointer(scene.bvh_children)))
-    store(table + 240, address_of(pointer(scene.bvh_slots)))
-    store(table + 248, address_of(pointer(scene.bvh_root)))
-    store(table + 256, int64(scene.face_vertices.shape[0]))  # n_triangles
-    store(table + 264, int64(scene.shape_kind.shape[0]))  # n_shapes
-    store(table + 272, int64(scene.plane_material.shape[0]))  # n_planes
-    store(table + 280, int64(scene.light_kind.shape[0]))  # n_lights
+    store(table + 216, address_of(pointer(scene.trees)))
+    store(table + 224, address_of(pointer(scene.placements)))
+    store(table + 232, address_of(pointer(scene.placement_maps)))
+    store(table + 240, address_of(pointer(scene.top_bounds)))
+    store(table + 248, address_of(pointer(scene.top_children)))
+    store(table + 256, address_of(pointer(scene.top_slots)))
+    store(table + 264, address_of(pointer(scene.bvh_bounds)))
+    store(table + 272, address_of(pointer(scene.bvh_children)))
+    store(table + 280, address_of(pointer(scene.bvh_slots)))
+    store(table + 288, address_of(pointer(scene.bvh_root)))
+    store(table + 296, int64(scene.placements[-1, PLACEMENT_END]))  # n_triangles
+    store(table + 304, int64(scene.shape_kind.shape[0]))  # n_shapes
+    store(table + 312, int64(scene.plane_material.shape[0]))  # n_planes
+    store(table + 320, int64(scene.light_kind.shape[0]))  # n_lights
+    store(table + 328, int64(scene.placements.shape[0]))  # n_placements
 
 
 @inline

@@ -25,9 +25,9 @@ from tracer.integrators.bounces import make_bounces, take_bounces
 from tracer.integrators.corners import Seen, nothing_seen
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
-from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import CLOSEST, FROM_POINT, SHADE, TO_POINT
 from tracer.rays.packet_leaf import meet_known
+from tracer.rays.placed import trace_scene
 from tracer.rays.rows import (
     ALL,
     INTEGERS,
@@ -130,7 +130,7 @@ def _find_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int, mode: 
         meet_known(hits, lanes, seen.place, seen.size, seen.row, seen.word, seen.axis)
         scratch.counters[_PRIMARY_SHARED] += population_count(lanes)
         return lanes
-    trace_bundle(scratch.tree, hits, lanes, mode, int64(0), int64(0), int64(0))
+    trace_scene(view, scratch.trees, hits, lanes, mode, int64(0), int64(0), int64(0))
     if view.n_shapes + view.n_planes > 0:
         _meet_shapes(view, scratch, lanes)
     met = _int64(0)
@@ -153,8 +153,9 @@ def _light_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int) -> No
         elif view.settings[SETTING_SHADOWS] != 0 and lit != 0:
             scratch.counters[_SHADOW_RAYS] += population_count(lit)
             to_point = view.light_kind[light] != LIGHT_KIND_DIRECTIONAL
-            lit &= ~trace_bundle(
-                scratch.tree,
+            lit &= ~trace_scene(
+                view,
+                scratch.trees,
                 scratch.shadows,
                 lit,
                 int64(SHADE + TO_POINT) if to_point else int64(SHADE),

@@ -20,7 +20,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from tracer.accel.layout import HEADER_WIDE_LEAVES
-from tracer.geometry.vector import at, dot, is_black, multiply, subtract
+from tracer.geometry.vector import at, cross, dot, is_black, multiply, subtract
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -135,8 +135,7 @@ def _is_flat(view: SceneView, face: int) -> bool:
     p0 = at(view.vertex_positions, i0)
     smooth, _normal, _facing = face_normals(
         int64(view.face_flags[face]),
-        subtract(at(view.vertex_positions, i1), p0),
-        subtract(at(view.vertex_positions, i2), p0),
+        cross(subtract(at(view.vertex_positions, i1), p0), subtract(at(view.vertex_positions, i2), p0)),
         at(view.vertex_normals, i0),
         at(view.vertex_normals, i1),
         at(view.vertex_normals, i2),
@@ -163,7 +162,7 @@ def _all_dark(view: SceneView, scratch: Scratch, blocker: int) -> bool:
     shadows = scratch.shadows
     end = load(VECTOR, shadows + T_BEST)
     store(shadows + PRIMITIVE, splat(INTEGERS, _int64(-1)))
-    trace_packet(scratch.tree, shadows, _int64(NIBBLE), int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_packet(scratch.trees, shadows, _int64(NIBBLE), int64(CLOSEST), int64(0), int64(0), int64(0))
     t = load(VECTOR, shadows + T_BEST)
     store(shadows + T_BEST, end)
     if not all_lanes(load(INTEGERS, shadows + PRIMITIVE) == splat(INTEGERS, blocker)):
@@ -208,7 +207,7 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
         return 1
     if not _goes_one_way(scratch.shadows):
         return 0
-    blocker = trace_packet(scratch.tree, scratch.shadows, corners, int64(SOLE), int64(0), int64(0), int64(0))
+    blocker = trace_packet(scratch.trees, scratch.shadows, corners, int64(SOLE), int64(0), int64(0), int64(0))
     if blocker == NONE:
         return 1
     return -1 if blocker >= 0 and _all_dark(view, scratch, blocker) else 0
@@ -234,6 +233,7 @@ def look_at_corners(
         settings[SETTING_SKIP] == 0
         or settings[SETTING_CAMERA] != CAMERA_VIEW_PLANE
         or view.n_shapes + view.n_planes > 0
+        or view.n_placements > 1
         or view.n_lights > _MOST_LIGHTS
         or not 1e-100 < view.camera[CAMERA_DISTANCE] < 1e100
     ):
@@ -252,17 +252,17 @@ def look_at_corners(
     if not _goes_one_way(hits):
         return nothing_seen(False)
     corners = _int64(NIBBLE)
-    trace_packet(scratch.tree, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_packet(scratch.trees, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0))
     face = load(_int64, hits + PRIMITIVE)
     if face < 0 or not all_lanes(load(INTEGERS, hits + PRIMITIVE) == splat(INTEGERS, face)):
         return nothing_seen(_some_agree(hits))
     fill_surfaces(view, ambient, hits, corners)
     # the rays end now at their hits: what is behind these does not count
-    if trace_packet(scratch.tree, hits, corners, int64(SOLE), int64(0), int64(0), int64(0)) != face:
+    if trace_packet(scratch.trees, hits, corners, int64(SOLE), int64(0), int64(0), int64(0)) != face:
         return nothing_seen(True)
     place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
     word = load(_int64, hits + WEIGHT_1 + 16)
-    size = _int64(8 if load(_int64, scratch.tree + 8 * HEADER_WIDE_LEAVES) else 4)
+    size = _int64(8 if load(_int64, scratch.trees + 8 * HEADER_WIDE_LEAVES) else 4)
     flat = _is_flat(view, face)
     material = N_MATERIAL * int64(view.face_material[face])
     lit, dark, black, away = _int64(0), _int64(0), _int64(0), _int64(0)

@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
-from tracer.geometry.vector import add, at, dot, multiply, negate, subtract
+from tracer.geometry.vector import add, at, cross, dot, multiply, negate, subtract
 from tracer.integrators.corners import Seen, corners_of
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import int64, kernel
@@ -100,8 +100,7 @@ def shade_plain(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, pl
     p0, p1, p2 = at(view.vertex_positions, i0), at(view.vertex_positions, i1), at(view.vertex_positions, i2)
     _smooth, normal, facing = face_normals(
         int64(view.face_flags[face]),
-        subtract(p1, p0),
-        subtract(p2, p0),
+        cross(subtract(p1, p0), subtract(p2, p0)),
         at(view.vertex_normals, i0),
         at(view.vertex_normals, i1),
         at(view.vertex_normals, i2),

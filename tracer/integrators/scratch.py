@@ -36,7 +36,7 @@ class Scratch(NamedTuple):
     pending_row: int  # bytes from row to row
     heights: int  # int64 (2, max_depth + 2): bounces on each stack, by depth; column 0 counts them all
     heights_row: int  # bytes from one stack's to the other's
-    tree: int  # the triangles' tree
+    trees: int  # the triangles' trees
     kt: int  # of the first material
     face_material: int
     stack: Any  # int64, flat: for the traversal of the shapes

@@ -75,6 +75,7 @@ from tracer.rays.rows import (
     mask_of,
     put,
 )
+from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups, sift_leaf
 from tracer.simd import (
     count_trailing_zeros,
     float32x8,
@@ -83,6 +84,7 @@ from tracer.simd import (
     maximum,
     minimum,
     multiply_add,
+    population_count,
     splat,
     stack_memory,
     stand_alone,
@@ -112,6 +114,8 @@ _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
 _FOUND_BYTES: Final = 4 * STEP
+_SIFTED_BYTES: Final = 64
+_TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
 _END: Final = 0x7FFFFFFFFFFFFFFF
 _ROOT: Final = HEADER_BYTES // UNIT << 3
 _ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
@@ -267,6 +271,9 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     found = stack_memory(_FOUND_BYTES)
+    lines = stack_memory(GROUPS_BYTES)
+    sifted = stack_memory(_SIFTED_BYTES)
+    tries, room = _int64(0), -1.0
     ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
     top = stack
@@ -304,6 +311,14 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             inside &= believed
             covers = inside & on_the_way
             changed = _int64(0)
+            at_edge = candidates & ~inside
+            if at_edge != 0 and mode != SOLE:
+                if tries < _TRIES:
+                    tries += population_count(at_edge)
+                    if tries >= _TRIES:  # a mesh finer than the beam
+                        room = draw_groups(packet, active, size, axes, frame, breadth, lines)
+                if tries >= _TRIES and room >= 0.0:
+                    sift_leaf(leaf, n, size, at_edge, axes, frame, room, lines, sifted)
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
                 candidates &= candidates - 1
@@ -325,8 +340,24 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 elif mode == CLOSEST and alike and (inside >> k) & 1:
                     met = meet_within(leaf + k * size, size, row, face, packet, active, axes, one_origin)
                 else:
+                    groups = _int64(EVERY_GROUP)
+                    if tries >= _TRIES and room >= 0.0 and (at_edge >> k) & 1:
+                        groups = load(_int64, sifted + 8 * k)
+                        if groups == 0:
+                            continue
                     met = meet_triangle(
-                        leaf + k * size, size, row, face, packet, active, axes, closest, alike, one_origin, found
+                        leaf + k * size,
+                        size,
+                        row,
+                        face,
+                        packet,
+                        active,
+                        groups,
+                        axes,
+                        closest,
+                        alike,
+                        one_origin,
+                        found,
                     )
                 changed |= met
                 if mode == ANY:

@@ -357,6 +357,7 @@ def meet_triangle(
     word: int,
     packet: int,
     active: int,
+    groups: int,
     axes: Any,
     closest: int,
     alike: bool,
@@ -373,6 +374,8 @@ def meet_triangle(
         The leaf's word of the triangle: id and vertex order.
     packet, active
         Rays.
+    groups
+        Bits of the vectors to look at.
     axes
         (kx, ky, kz).
     closest
@@ -396,7 +399,9 @@ def meet_triangle(
         c = _relative(c, packet + 8 * count_trailing_zeros(active), axes)
     zero = splat(VECTOR, 0.0)
     met_lanes = _int64(0)
-    for i in range(VECTORS):
+    while groups != 0:
+        i = count_trailing_zeros(groups)
+        groups &= groups - 1
         lanes = (active >> (LANES * i)) & NIBBLE
         if lanes == 0:
             continue

@@ -264,7 +264,7 @@ def _render(
         8 * capacity(settings[SETTING_MAX_DEPTH]),
         address_of(words),
         8 * (settings[SETTING_MAX_DEPTH] + 2),
-        address_of(scene.tree),
+        address_of(scene.trees),
         address_of(scene.materials) + 8 * MATERIAL_KT,
         address_of(scene.face_material),
         pointer(words[2 * (settings[SETTING_MAX_DEPTH] + 2) :]),

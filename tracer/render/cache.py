@@ -5,7 +5,7 @@ the whole tracer, arithmetic of the backend), so it never goes stale and may be 
 appears whole, by a rename; one process builds while the others wait (flock); a damaged entry is built again.
 
 Layout of the cache's folder: `scenes/<key>.arrays`, `files/<key>.arrays` (loaded models and images, so that another
-camera or material does not load them again), `bvh/<key>.arrays` (hierarchies by the geometry's own hash), `locks/`.
+camera or material does not load them again), `bvh/<key>.arrays` (trees by the geometry's own hash), `locks/`.
 """
 
 import fcntl
@@ -22,15 +22,16 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.accel import build_bvh
+from tracer.accel import build_tree
+from tracer.accel.wide import geometry_key
 from tracer.arrayfile import ArrayFileError, load_arrays, save_arrays
 from tracer.render.compile import CompileStats, compile_scene
 from tracer.render.sources import SceneFiles
 from tracer.scene import AssetResolver, SceneDoc, scene_hash
-from tracer.types import Bvh, CompiledScene, check_layout
+from tracer.types import CompiledScene, check_layout
 
 _MIN_CACHED_BVH_TRIANGLES: Final = 2_000
-"""Below, building the hierarchy is faster than hashing, writing and syncing it."""
+"""Below, building a tree is faster than hashing, writing and syncing it."""
 _ABANDONED_S: Final = 3600.0
 """A file that was begun so long ago and has no name yet: whoever wrote it is dead, for writing takes seconds."""
 
@@ -97,7 +98,7 @@ def compile_cached(
     """
     cache_dir = Path(cache_dir)
     files = SceneFiles(cache=cache_dir / "files", version=builder_version())
-    build = _bvh_builder(cache_dir / "bvh")
+    build = _tree_builder(cache_dir / "bvh")
     if not _is_reproducible(scene):
         return compile_scene(scene, assets, SceneFiles(), build)
     text = "\n".join((scene_sha256 or scene_hash(scene), builder_version(), backend.name, backend.arithmetic))
@@ -139,27 +140,24 @@ def _open_scene(path: Path) -> tuple[CompiledScene, CompileStats] | None:
     return compiled, found
 
 
-def _bvh_builder(folder: Path) -> Callable[..., Bvh]:
-    """Return `build_bvh`, with large hierarchies kept by the hash of what they are built from."""
+def _tree_builder(folder: Path) -> Callable[..., NDArray[np.int64]]:
+    """Return `build_tree`, with large trees kept by the hash of what they are built from."""
 
-    def build(*geometry: NDArray[Any]) -> Bvh:
-        if len(geometry[1]) < _MIN_CACHED_BVH_TRIANGLES:
-            return build_bvh(*geometry)
-        digest = hashlib.sha256(builder_version().encode())
-        for array in geometry:
-            digest.update(f"{array.dtype.str} {array.shape}\n".encode())
-            digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
-        path = folder / f"{digest.hexdigest()}.arrays"
-        with suppress(OSError, ArrayFileError, TypeError):
-            bvh = Bvh(**load_arrays(path)[0])
+    def build(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.int64]:
+        if len(faces) < _MIN_CACHED_BVH_TRIANGLES:
+            return build_tree(vertices, faces)
+        text = f"{builder_version()} {geometry_key(vertices, faces)}"
+        path = folder / f"{hashlib.sha256(text.encode()).hexdigest()}.arrays"
+        with suppress(OSError, ArrayFileError, KeyError):
+            tree: NDArray[np.int64] = load_arrays(path)[0]["tree"]
             with suppress(OSError):
                 os.utime(path)
-            return bvh
-        bvh = build_bvh(*geometry)
+            return tree
+        tree = build_tree(vertices, faces)
         with suppress(OSError):  # a full disk is no reason to fail here
             path.parent.mkdir(parents=True, exist_ok=True)
-            save_arrays(path, bvh._asdict(), {}, durable=True)
-        return bvh
+            save_arrays(path, {"tree": tree}, {}, durable=True)
+        return tree
 
     return build
 

@@ -12,26 +12,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.accel import build_bvh
+from tracer.accel import build_tree, join_hierarchies
 from tracer.loaders.mesh import MeshData, MeshGroup
 from tracer.render.geometry import (
     PlaneRecord,
     ShapeRecord,
     build_plane,
     build_shape,
-    check_range,
-    is_mirroring,
     smooth_normals,
-    transform_normals,
-    transform_points,
 )
 from tracer.render.materials import MaterialTable, TextureTable, build_lights
+from tracer.render.parts import MeshRecord, build_parts
 from tracer.render.settings import build_camera, build_limits, build_settings
 from tracer.render.sources import SceneFiles
 from tracer.scene import (
-    IDENTITY,
     AssetResolver,
     Fault,
+    Matrix,
     Mesh,
     MeshAsset,
     Plane,
@@ -44,7 +41,7 @@ from tracer.types import (
     FACE_HAS_COLORS,
     FACE_HAS_NORMALS,
     FACE_HAS_UVS,
-    Bvh,
+    PLACEMENT_END,
     CompiledScene,
     check_layout,
 )
@@ -54,37 +51,28 @@ class CompileStats(NamedTuple):
     """Figures of one compilation, for the report."""
 
     load_s: float = 0.0  # reading and checking files
-    build_s: float = 0.0  # the hierarchy
+    build_s: float = 0.0  # baking of transforms, and the hierarchies
     total_s: float = 0.0
-    n_triangles: int = 0
+    n_triangles: int = 0  # placed ones
     n_vertices: int = 0
     n_shapes: int = 0
     n_planes: int = 0
     n_materials: int = 0
     n_textures: int = 0
+    n_trees: int = 0
+    n_placements: int = 0  # uses of these trees
     n_bytes: int = 0  # of all arrays
+    n_bytes_saved: int = 0  # what meshes that share a tree would take if each use were stored
     warnings: tuple[str, ...] = ()
     unused_assets: tuple[str, ...] = ()  # never opened, because nothing refers to them
     from_cache: bool = False
-
-
-class _MeshRecord(NamedTuple):
-    """One object's triangles in world space."""
-
-    positions: NDArray[np.float64]
-    normals: NDArray[np.float64] | None
-    uvs: NDArray[np.float64] | None
-    colors: NDArray[np.float64] | None
-    faces: NDArray[np.int32]
-    flags: NDArray[np.uint8]
-    face_material: NDArray[np.int32]
 
 
 def compile_scene(
     scene: SceneDoc,
     assets: AssetResolver,
     files: SceneFiles | None = None,
-    build: Callable[..., Bvh] = build_bvh,
+    build: Callable[..., NDArray[np.int64]] = build_tree,
 ) -> tuple[CompiledScene, CompileStats]:
     """Compile a scene.
 
@@ -96,7 +84,7 @@ def compile_scene(
     files : SceneFiles or None
         Where loaded files come from; a fresh one, without a cache on disk, by default.
     build : callable
-        Builds the hierarchy: `build_bvh`, or a caching one.
+        Makes a tree of (vertices, faces): `build_tree`, or a caching one.
 
     Returns
     -------
@@ -116,7 +104,8 @@ def compile_scene(
 
     textures = TextureTable()
     materials = MaterialTable()
-    meshes: list[_MeshRecord] = []
+    meshes: list[MeshRecord] = []
+    shaped: dict[tuple[str, str], MeshData] = {}  # assets with the normals that objects ask for
     shapes: list[tuple[ShapeRecord, int]] = []
     planes: list[tuple[PlaneRecord, int]] = []
     for index, thing in enumerate(scene.objects):
@@ -125,11 +114,14 @@ def compile_scene(
         if isinstance(thing, Mesh):
             data = _inline_mesh(thing)
             chosen = _choose_materials(scene, thing, data, (), pointer, materials, textures, files)
-            meshes.append(_place_mesh(thing, data, "file", chosen, pointer))
+            meshes.append(_mesh_record(data, chosen, rows, pointer))
         elif isinstance(thing, MeshAsset):
             data = files.mesh(thing.asset)
             chosen = _choose_materials(scene, thing, data, (thing.asset,), pointer, materials, textures, files)
-            meshes.append(_place_mesh(thing, data, thing.normals, chosen, pointer))
+            key = (thing.asset, thing.normals)
+            if key not in shaped:
+                shaped[key] = _with_normals(data, thing.normals)
+            meshes.append(_mesh_record(shaped[key], chosen, rows, pointer))
         else:
             material = _scene_material(scene, thing.material, materials, textures, files)
             if isinstance(thing, Plane):
@@ -138,12 +130,12 @@ def compile_scene(
                 shapes.append((build_shape(thing, rows, pointer), material))
 
     ambient, lights, light_kind = build_lights(scene.lights)
-    triangles = _join_meshes(meshes)
     finite = _join_shapes(shapes)
     build_start = time.perf_counter()
-    bvh = build(
-        triangles["vertex_positions"],
-        triangles["face_vertices"],
+    parts = build_parts(meshes, build)
+    bvh = join_hierarchies(
+        parts.trees,
+        parts.placements,
         finite["shape_kind"],
         finite["shape_origin"],
         finite["shape_to_world"],
@@ -157,7 +149,7 @@ def compile_scene(
         camera=build_camera(scene),
         background=np.array(scene.background, np.float64),
         ambient=ambient,
-        **triangles,
+        **parts.arrays,
         **finite,
         **_join_planes(planes),
         materials=material_rows,
@@ -173,13 +165,16 @@ def compile_scene(
         load_s=load_s,
         build_s=build_s,
         total_s=time.perf_counter() - start,
-        n_triangles=len(compiled.face_vertices),
+        n_triangles=int(compiled.placements[-1, PLACEMENT_END]),
         n_vertices=len(compiled.vertex_positions),
         n_shapes=len(compiled.shape_kind),
         n_planes=len(compiled.plane_material),
         n_materials=len(compiled.materials),
         n_textures=len(compiled.textures),
+        n_trees=len(parts.trees),
+        n_placements=len(parts.placements),
         n_bytes=sum(array.nbytes for array in compiled),
+        n_bytes_saved=parts.saved_bytes,
         warnings=files.warnings(),
         unused_assets=tuple(sorted(set(scene.assets) - files.used)),
     )
@@ -290,58 +285,24 @@ def _inline_mesh(mesh: Mesh) -> MeshData:
     )
 
 
-def _place_mesh(
-    thing: Mesh | MeshAsset, data: MeshData, normals_from: str, face_material: NDArray[np.int32], pointer: str
-) -> _MeshRecord:
-    """Bake an object's transform into its mesh, and give it the normals that the object asks for."""
-    rows = transform_rows(thing.transform)
-    flags = data.face_flags.copy()
-    normals = data.normals
+def _with_normals(data: MeshData, normals_from: str) -> MeshData:
+    """Give a loaded mesh the normals that an object asks for."""
+    if normals_from == "file":
+        return data
+    flags = data.face_flags & np.uint8(0xFF ^ FACE_HAS_NORMALS)
     if normals_from == "flat":
-        normals = None
-        flags &= np.uint8(0xFF ^ FACE_HAS_NORMALS)
-    elif normals_from == "smooth":
-        normals = smooth_normals(data.positions, data.faces)
-        has_normal = (normals[data.faces] != 0.0).any(axis=2).all(axis=1)
-        flags &= np.uint8(0xFF ^ FACE_HAS_NORMALS)
-        flags[has_normal] |= np.uint8(FACE_HAS_NORMALS)
-    positions, faces = data.positions, data.faces
-    if rows != IDENTITY:
-        with np.errstate(over="ignore", invalid="ignore"):
-            positions = transform_points(rows, positions)
-            if normals is not None:
-                normals = transform_normals(rows, normals)
-        check_range(positions, pointer)
-        if is_mirroring(rows):
-            faces = faces[:, [0, 2, 1]]  # keeps the winding outward
-    return _MeshRecord(positions, normals, data.uvs, data.colors, faces, flags, face_material)
+        return data._replace(normals=None, face_flags=flags)
+    normals = smooth_normals(data.positions, data.faces)
+    has_normal = (normals[data.faces] != 0.0).any(axis=2).all(axis=1)
+    flags[has_normal] |= np.uint8(FACE_HAS_NORMALS)
+    return data._replace(normals=normals, face_flags=flags)
 
 
-def _join_meshes(meshes: list[_MeshRecord]) -> dict[str, NDArray[Any]]:
-    """Concatenate all triangles; absent attributes are filled as `CompiledScene` says."""
-    offsets = np.cumsum([0] + [len(mesh.positions) for mesh in meshes])
-
-    def joined(values: list[NDArray[np.float64] | None], width: int, absent: float) -> NDArray[np.float64]:
-        out = np.full((int(offsets[-1]), width), absent)
-        for mesh, value, offset in zip(meshes, values, offsets, strict=False):
-            if value is not None:
-                out[offset : offset + len(mesh.positions)] = value
-        return out
-
-    return {
-        "vertex_positions": joined([mesh.positions for mesh in meshes], 3, 0.0),
-        "vertex_normals": joined([mesh.normals for mesh in meshes], 3, 0.0),
-        "vertex_uvs": joined([mesh.uvs for mesh in meshes], 2, 0.0),
-        "vertex_colors": joined([mesh.colors for mesh in meshes], 3, 1.0),
-        "face_vertices": np.concatenate(
-            [
-                np.empty((0, 3), np.int32),
-                *(mesh.faces + np.int32(offset) for mesh, offset in zip(meshes, offsets, strict=False)),
-            ]
-        ),
-        "face_material": np.concatenate([np.empty(0, np.int32), *(mesh.face_material for mesh in meshes)]),
-        "face_flags": np.concatenate([np.empty(0, np.uint8), *(mesh.flags for mesh in meshes)]),
-    }
+def _mesh_record(data: MeshData, face_material: NDArray[np.int32], rows: Matrix, pointer: str) -> MeshRecord:
+    """Take what rendering needs of a mesh."""
+    return MeshRecord(
+        data.positions, data.normals, data.uvs, data.colors, data.faces, data.face_flags, face_material, rows, pointer
+    )
 
 
 def _join_shapes(shapes: list[tuple[ShapeRecord, int]]) -> dict[str, NDArray[Any]]:

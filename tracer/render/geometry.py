@@ -1,8 +1,8 @@
 """From objects of the scene document to triangles, shapes and planes in world space.
 
-Invariants: every transform is baked (meshes) or becomes a pair of affine maps (shapes); products are written out
-element by element, in one order, so that the same scene has the same bits on every machine; a mesh without a
-transform keeps its numbers untouched.
+Invariants: every transform is baked (meshes) or becomes a pair of affine maps (shapes, placements); products are
+written out element by element, in one order, so that the same scene has the same bits on every machine; a mesh without
+a transform keeps its numbers untouched.
 """
 
 import math

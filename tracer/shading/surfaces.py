@@ -6,7 +6,8 @@ The equations are those of :mod:`tracer.shading.surface`, which serves shapes an
 from typing import Any, Final
 
 from tracer.geometry.rounding import gamma
-from tracer.geometry.vector import at, cross, dot, is_zero, multiply, negate, normalize, subtract
+from tracer.geometry.shapes import transform, transform_transposed
+from tracer.geometry.vector import add, at, cross, dot, is_zero, multiply, negate, normalize, subtract
 from tracer.jit import inline, int64, kernel
 from tracer.rays.rows import (
     INTEGERS,
@@ -67,14 +68,26 @@ from tracer.types import (
     FLAG_TEXTURE,
     FLAG_TWO_SIDED,
     FLAG_WRAP,
+    MAP_ERROR,
+    MAP_ORIGIN,
+    MAP_TO_OBJECT,
+    MAP_TO_WORLD,
     MATERIAL_A,
     MATERIAL_EXPONENT,
     MATERIAL_KA,
     MATERIAL_KD,
     MATERIAL_KE,
     MATERIAL_KS,
+    N_MAP,
     N_MATERIAL,
     N_MATERIAL_FLAGS,
+    N_PLACEMENT,
+    PLACED_AS_IS,
+    PLACED_MIRRORED,
+    PLACEMENT_FACE,
+    PLACEMENT_FIRST,
+    PLACEMENT_KIND,
+    PLACEMENT_MATERIAL,
     SceneView,
     Vec3,
 )
@@ -152,19 +165,38 @@ def _put_material(view: SceneView, ambient: Any, at_lanes: int, mask: Any, mater
 
 
 @inline
-def face_normals(flags: int, e1: Vec3, e2: Vec3, n0: Vec3, n1: Vec3, n2: Vec3) -> Any:
+def placement_of(view: SceneView, primitive: int) -> Any:
+    """Find the placement that a triangle's id belongs to."""
+    low, high = int64(0), int64(view.n_placements - 1)
+    while low < high:
+        middle = (low + high + 1) >> 1
+        if view.placements[N_PLACEMENT * middle + PLACEMENT_FIRST] <= primitive:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@inline
+def _to_world(view: SceneView, i: int, point: Vec3) -> Vec3:
+    """Place a vertex, as :func:`tracer.render.geometry.transform_points` does."""
+    return add(transform(view.placement_maps, i + MAP_TO_WORLD, point), at(view.placement_maps, i + MAP_ORIGIN))
+
+
+@inline
+def face_normals(flags: int, across: Vec3, n0: Vec3, n1: Vec3, n2: Vec3) -> Any:
     """Return (whether the vertices' normals differ, geometric normal, shading normal where they do not).
 
     Parameters
     ----------
     flags
         FACE_*.
-    e1, e2
-        Edges from the first vertex.
+    across
+        Cross product of the edges from the first vertex.
     n0, n1, n2
         The vertices' normals.
     """
-    normal = normalize(cross(e1, e2))
+    normal = normalize(across)
     # flat faces with vertex normals all the same: walls, boxes
     uniform = n0.x == n1.x == n2.x and n0.y == n1.y == n2.y and n0.z == n1.z == n2.z and not is_zero(n0)
     smooth = flags & FACE_HAS_NORMALS != 0 and not uniform
@@ -177,13 +209,48 @@ def face_normals(flags: int, e1: Vec3, e2: Vec3, n0: Vec3, n1: Vec3, n2: Vec3) -
 
 
 @kernel
-def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face: int) -> Any:
-    """Fill in the rays that have met a triangle; returns those that came from behind."""
+def _fill_triangle(
+    view: SceneView, ambient: Vec3, packet: int, lanes: int, primitive: int, face: int, material: int, moved: int
+) -> Any:
+    """Fill in the rays that have met a triangle.
+
+    Parameters
+    ----------
+    view, ambient, packet, lanes
+        As `fill_surfaces`.
+    primitive, face, material
+        Id; row of face_vertices; row of materials.
+    moved
+        Where the map of its placement begins in `placement_maps`, plus 1, negative where it mirrors; 0: as it is.
+
+    Returns
+    -------
+    int64
+        Those that came from behind.
+    """
     stand_alone()
     i0 = int64(view.face_vertices[3 * face])
     i1 = int64(view.face_vertices[3 * face + 1])
     i2 = int64(view.face_vertices[3 * face + 2])
+    weight_1, weight_2 = int64(WEIGHT_1), int64(WEIGHT_2)
+    if moved < 0:  # keeps the winding outward
+        i1, i2 = i2, i1
+        weight_1, weight_2 = weight_2, weight_1
     p0, p1, p2 = at(view.vertex_positions, 3 * i0), at(view.vertex_positions, 3 * i1), at(view.vertex_positions, 3 * i2)
+    n0, n1, n2 = at(view.vertex_normals, 3 * i0), at(view.vertex_normals, 3 * i1), at(view.vertex_normals, 3 * i2)
+    normal = cross(subtract(p1, p0), subtract(p2, p0))
+    more = Vec3(0.0, 0.0, 0.0)  # error of a point, beside what follows from its world coordinates
+    if moved != 0:
+        place = abs(moved) - 1
+        p0, p1, p2 = _to_world(view, place, p0), _to_world(view, place, p1), _to_world(view, place, p2)
+        n0 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n0)
+        n1 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n1)
+        n2 = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, n2)
+        # from the edges in the object's space, which the place in the world does not round
+        normal = transform_transposed(view.placement_maps, place + MAP_TO_OBJECT, normal)
+        if moved < 0:
+            normal = negate(normal)
+        more = at(view.placement_maps, place + MAP_ERROR)
     e1, e2 = subtract(p1, p0), subtract(p2, p0)
     # error: gamma(7) of the products' absolute sum (pbrt 6.8.5), and gamma(8) of the extent for the shear of this
     # triangle's and its neighbours' vertices by the next ray, which starts here: the sum alone vanishes near the
@@ -192,19 +259,17 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
     # with the weights' sum of at most 1 taken for granted: one bound for all of the triangle
     reach = _GAMMA_8 * extent
     error = Vec3(
-        _GAMMA_8 * max(abs(p0.x), abs(p1.x), abs(p2.x)) + reach,
-        _GAMMA_8 * max(abs(p0.y), abs(p1.y), abs(p2.y)) + reach,
-        _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach,
+        _GAMMA_8 * max(abs(p0.x), abs(p1.x), abs(p2.x)) + reach + more.x,
+        _GAMMA_8 * max(abs(p0.y), abs(p1.y), abs(p2.y)) + reach + more.y,
+        _GAMMA_8 * max(abs(p0.z), abs(p1.z), abs(p2.z)) + reach + more.z,
     )
     errors = spread(error)
     flags = int64(view.face_flags[face])
-    material = int64(view.face_material[face])
     two_sided = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TWO_SIDED] != 0
     texture = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE])
     wrap = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_WRAP])
     filtering = int64(view.material_flags[N_MATERIAL_FLAGS * material + FLAG_FILTER])
-    n0, n1, n2 = at(view.vertex_normals, 3 * i0), at(view.vertex_normals, 3 * i1), at(view.vertex_normals, 3 * i2)
-    smooth, normal, facing = face_normals(flags, e1, e2, n0, n1, n2)
+    smooth, normal, facing = face_normals(flags, normal, n0, n1, n2)
     c0, c1, c2 = at(view.vertex_colors, 3 * i0), at(view.vertex_colors, 3 * i1), at(view.vertex_colors, 3 * i2)
     flat, away, level = spread(normal), spread(negate(normal)), spread(facing)
     scratch = stack_memory(SAMPLE_BYTES)
@@ -217,7 +282,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
             continue
         mask = mask_of(lanes, i)
         ray = packet + STEP * i
-        b1, b2 = load(VECTOR, ray + WEIGHT_1), load(VECTOR, ray + WEIGHT_2)
+        b1, b2 = load(VECTOR, ray + weight_1), load(VECTOR, ray + weight_2)
         b0 = (one - b1) - b2
         put_vector(ray + POSITION, mask, blend(p0, p1, p2, b0, b1, b2))
         put_vector(ray + ERROR, mask, errors)
@@ -246,7 +311,7 @@ def _fill_triangle(view: SceneView, ambient: Vec3, packet: int, lanes: int, face
                 )
             tint = multiply(tint, sample_lanes(view, texture, wrap, filtering, u, v, bits, scratch))
         _put_material(view, ambient, ray, mask, material, tint)
-        put_integers(ray + START, mask, splat(INTEGERS, face))
+        put_integers(ray + START, mask, splat(INTEGERS, primitive))
     return behind_lanes
 
 
@@ -296,7 +361,22 @@ def fill_surfaces(view: SceneView, ambient: Vec3, packet: int, lanes: int) -> An
         primitive = load(_int64, packet + PRIMITIVE + 8 * lane)
         if primitive < view.n_triangles:
             same = _lanes_of(packet, lanes, primitive)
-            behind |= _fill_triangle(view, ambient, packet, same, primitive)
+            face, row, moved = primitive, primitive, int64(0)
+            if view.n_placements > 1:
+                placement = placement_of(view, primitive)
+                i = N_PLACEMENT * placement
+                number = primitive - view.placements[i + PLACEMENT_FIRST]
+                face, row = (
+                    number + view.placements[i + PLACEMENT_FACE],
+                    number + view.placements[i + PLACEMENT_MATERIAL],
+                )
+                kind = view.placements[i + PLACEMENT_KIND]
+                if kind != PLACED_AS_IS:
+                    moved = N_MAP * placement + 1
+                    if kind == PLACED_MIRRORED:
+                        moved = -moved
+            material = int64(view.face_material[row])
+            behind |= _fill_triangle(view, ambient, packet, same, primitive, face, material, moved)
         else:
             same = _int64(1) << lane
             if _fill_other(view, ambient, packet, lane, primitive):

@@ -60,7 +60,7 @@ def test_many_spheres():
     bvh, bounds = build_spheres(rng.standard_normal((3000, 3)), 10.0 ** rng.uniform(-4, 0, 3000))
     assert check(bvh, bounds) < 25
     np.testing.assert_array_equal(bvh.bvh_root, [bounds[:, :3].min(axis=0), bounds[:, 3:].max(axis=0)])
-    assert RayCaster.from_bvh(WideBvh(bvh.tree)).any_hit([[9.0, 0, 0]], [[-1.0, 0, 0]]).tolist() == [False]
+    assert RayCaster.from_bvh(WideBvh(bvh.trees)).any_hit([[9.0, 0, 0]], [[-1.0, 0, 0]]).tolist() == [False]
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 5])
@@ -87,7 +87,7 @@ def test_triangles_have_the_wide_tree():
     """The same buffer as the caster's, and bounds of all primitives."""
     vertices, faces = icosphere(3)
     bvh = build(vertices, faces)
-    np.testing.assert_array_equal(bvh.tree, build_wide(vertices, faces).buffer)
+    np.testing.assert_array_equal(bvh.trees, build_wide(vertices, faces).buffer)
     np.testing.assert_array_equal(bvh.bvh_root, [vertices.min(axis=0), vertices.max(axis=0)])
     assert len(bvh.bvh_slots) == 0
 

@@ -16,6 +16,7 @@ from tracer.geometry.vector import at
 from tracer.jit import int64, kernel, pointer
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import ANY, CLOSEST, SHADE, trace_packet
+from tracer.rays.placed import trace_scene
 from tracer.rays.predicate import intersect_triangle, shear_of
 from tracer.rays.rows import (
     AXIS,
@@ -205,7 +206,7 @@ def _scene_closest(scene, memory, rays, start, end, t, primitive, uv):
     o, d = pointer(origins), pointer(directions)
     lanes = np.arange(end - start)
     active = _put_rays(packet, origins[start:end], directions[start:end], ends[start:end], skips[start:end], lanes)
-    trace_bundle(address_of(scene.tree), packet, active, int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_scene(view, address_of(scene.trees), packet, active, int64(CLOSEST), int64(0), int64(0), int64(0))
     for lane in range(end - start):
         ray, k = packet + 8 * lane, start + lane
         there, what = load(_float64, ray + T_BEST), load(_int64, ray + PRIMITIVE)
@@ -227,9 +228,8 @@ def _scene_light(scene, memory, rays, start, end, light):
     lanes = np.arange(end - start)
     active = _put_rays(packet, origins[start:end], directions[start:end], ends[start:end], skips[start:end], lanes)
     kt = address_of(scene.materials) + 8 * MATERIAL_KT
-    dark = trace_bundle(
-        address_of(scene.tree), packet, active, int64(SHADE), kt, address_of(scene.face_material), int64(8 * N_MATERIAL)
-    )
+    faces, stride = address_of(scene.face_material), int64(8 * N_MATERIAL)
+    dark = trace_scene(view, address_of(scene.trees), packet, active, int64(SHADE), kt, faces, stride)
     for lane in range(end - start):
         ray, k = packet + 8 * lane, start + lane
         left = Vec3(

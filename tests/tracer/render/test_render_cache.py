@@ -19,7 +19,7 @@ class _Backend:
 
 @pytest.fixture(autouse=True)
 def _no_hierarchy(monkeypatch):
-    monkeypatch.setattr(cache, "build_bvh", fake_build)
+    monkeypatch.setattr(cache, "build_tree", fake_build)
 
 
 def _scene(tmp_path, **more):
@@ -53,7 +53,7 @@ def test_another_camera_opens_no_file(tmp_path):
     assert stats.n_triangles == 2
 
 
-def test_large_hierarchies_are_kept_by_their_geometry(tmp_path, monkeypatch):
+def test_large_trees_are_kept_by_their_geometry(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_MIN_CACHED_BVH_TRIANGLES", 1)
     builds = []
 
@@ -61,7 +61,7 @@ def test_large_hierarchies_are_kept_by_their_geometry(tmp_path, monkeypatch):
         builds.append(1)
         return fake_build(*geometry)
 
-    monkeypatch.setattr(cache, "build_bvh", count)
+    monkeypatch.setattr(cache, "build_tree", count)
 
     def run(**more):
         return compile_cached(_scene(tmp_path, **more), lambda ref: tmp_path / ref.file, tmp_path / "cache", _Backend())
@@ -150,7 +150,7 @@ def test_a_cache_that_cannot_be_written_is_no_failure(tmp_path):
 
 
 def _race(folder, start, results):
-    cache.build_bvh = _slow_build
+    cache.build_tree = _slow_build
     start.wait()
     _, stats = compile_cached(_scene_of(folder), lambda ref: folder / ref.file, folder / "cache", _Backend())
     results.put((os.getpid(), stats.from_cache))

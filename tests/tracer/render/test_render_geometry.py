@@ -126,6 +126,7 @@ def test_extreme_scales_stay_finite(scales):
     transform = [{"type": "scale", "by": scale} for scale in scales]
     scene, _ = compiled({**thing, "transform": transform}, {**mesh, "transform": transform})
     assert np.allclose(scene.shape_to_local[0] @ scene.shape_to_world[0], np.eye(3))
-    for array in scene:
-        assert array.dtype.kind != "f" or np.isfinite(array).all()
+    for name, array in scene._asdict().items():
+        absent = name in {"top_bounds", "bvh_bounds"} and np.isinf(array)  # children that are not there
+        assert array.dtype.kind != "f" or (np.isfinite(array) | absent).all()
     assert (scene.vertex_normals[:, 2] > 0).all()
