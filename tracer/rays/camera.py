@@ -34,8 +34,8 @@ def view_plane(camera: Any, x: float, y: float, width: int, height: int) -> tupl
     """Position on the view plane of a picture position in pixels from the top left [farmer2019 eq. 1]."""
     left = camera[CAMERA_LEFT]
     bottom = camera[CAMERA_BOTTOM]
-    u = left + (camera[CAMERA_RIGHT] - left) * (x / width)
-    v = bottom + (camera[CAMERA_TOP] - bottom) * ((height - y) / height)
+    u = left + (camera[CAMERA_RIGHT] - left) * (x * (1.0 / width))
+    v = bottom + (camera[CAMERA_TOP] - bottom) * ((height - y) * (1.0 / height))
     return u, v
 
 

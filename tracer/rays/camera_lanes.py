@@ -38,9 +38,8 @@ def view_directions(camera: Any, width: int, height: int, x: Any, y: Any) -> Any
     left, bottom = camera[CAMERA_LEFT], camera[CAMERA_BOTTOM]
     across, up = camera[CAMERA_RIGHT] - left, camera[CAMERA_TOP] - bottom
     d = camera[CAMERA_DISTANCE]
-    u = splat(VECTOR, left) + splat(VECTOR, across) * (x / splat(VECTOR, float(width)))
-    rows = splat(VECTOR, float(height))
-    v = splat(VECTOR, bottom) + splat(VECTOR, up) * ((rows - y) / rows)
+    u = splat(VECTOR, left) + splat(VECTOR, across) * (x * splat(VECTOR, 1.0 / width))
+    v = splat(VECTOR, bottom) + splat(VECTOR, up) * ((splat(VECTOR, float(height)) - y) * splat(VECTOR, 1.0 / height))
     return Vec3(
         _axis(camera, -d * camera[CAMERA_W], 0, u, v),
         _axis(camera, -d * camera[CAMERA_W + 1], 1, u, v),
