@@ -50,8 +50,8 @@ def submit(
 
     With -o, wait for the end and download.
     """
-    from client.api import result_kind
     from client.assets import prepare_scene, read_scene
+    from client.results import result_kind
 
     terminal = Terminal(as_json=as_json, quiet=quiet)
     targets = [(path, result_kind(path)) for path in output or []]  # a bad name is told before any work
@@ -114,8 +114,8 @@ def get(
     as_json: options.Json = False,
 ) -> None:
     """Download results: the picture, its preview, the report."""
-    from client.api import result_kind
     from client.formats import format_bytes
+    from client.results import result_kind
 
     terminal = Terminal(as_json=as_json)
     suffix = {ResultKind.EXR: ".exr", ResultKind.REPORT: ".json"}.get(kind or ResultKind.PNG, ".png")
