@@ -84,12 +84,14 @@ def parse_text(text: bytes | str, label: str) -> dict[str, Any]:
     SceneInvalidError
         With every fault, in the words of the service.
     """
-    from tracer.scene import SceneError, parse_scene
+    from tracer.scene import SceneError
     from tracer.scene.text import load_json, plain
 
     try:
         document, faults = plain(load_json(text))
         if faults or not isinstance(document, dict):
+            from tracer.scene import parse_scene  # the models: not for a text that a service will check
+
             parse_scene(text)
     except SceneError as error:
         raise scene_invalid(error, label) from error
