@@ -1,5 +1,8 @@
 """Compile the entries through numba and write the image: the one module here that imports the compiler.
 
+``python -m tracer.native.build IMAGE`` does it; ``python -m tracer.native.build ahead``, beside it, compiles large
+inner kernels into numba's cache before their turn comes.
+
 Each entry gets a door of its own, ``int32 door(int64 *words)``: numbers, and an array's address and lengths, are read
 from ``words``, numba's native function is called, its results are written back to ``words``, and what is returned is
 not 0 where it raised, which only memory that is not to be had makes a kernel do. All doors and what they call are one
@@ -9,8 +12,6 @@ Numba's arrays are counted and freed by its runtime, which an image does without
 it are written here, over ``malloc`` and ``free``.
 """
 
-import os
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +22,6 @@ from llvmlite import binding, ir
 from tracer.native.entries import ENTRIES
 from tracer.native.image import door_name, save_image
 from tracer.native.link import link
-from tracer.paths import cache_root
 
 import_module("tracer.jit")  # before numba: it says where numba keeps its own cache
 numba: Final[Any] = import_module("numba")
@@ -207,20 +207,8 @@ def _target_machine(codegen: Any) -> Any:
 
 
 def compile_entries() -> list[Any]:
-    """Compile all entries, or load them from numba's cache; beside a second process, which compiles `AHEAD`."""
-    second = subprocess.Popen(
-        [sys.executable, "-m", "tracer.native.build"],
-        cwd=Path(__file__).parents[2],  # these sources, wherever `tracer` leads otherwise
-        env={**os.environ, "SMALTI_CACHE": str(cache_root().absolute())},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        # What the other compiles, too, comes last.
-        compiled = {name: compile_kernel(name, ENTRIES[name]) for name in sorted(ENTRIES, key=AHEAD.__contains__)}
-    finally:
-        second.terminate()
-        second.wait()
+    """Compile all entries, or load them from numba's cache; those last that another process compiles, too."""
+    compiled = {name: compile_kernel(name, ENTRIES[name]) for name in sorted(ENTRIES, key=AHEAD.__contains__)}
     return [compiled[name] for name in ENTRIES]
 
 
@@ -260,5 +248,8 @@ def write_image(path: Path, compiled: list[Any]) -> int:
 
 
 if __name__ == "__main__":
-    for ahead, its_kinds in AHEAD.items():
-        compile_kernel(ahead, its_kinds)
+    if sys.argv[1] == "ahead":
+        for kernel_ahead, its_kinds in AHEAD.items():
+            compile_kernel(kernel_ahead, its_kinds)
+    else:
+        write_image(Path(sys.argv[1]), compile_entries())

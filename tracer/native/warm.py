@@ -1,21 +1,28 @@
-"""Make the kernels ready ahead of use, once a host: map the image, or compile and write it.
+"""Make the kernels ready ahead of use, once a host: map the image, or have it compiled and written.
 
-Invariant: one process compiles while the others wait (flock), and they find what it made.
+Invariants: one process compiles while the others wait (flock), and they find what it made; the compiler runs in
+processes of its own, because it leaves half a gigabyte behind.
 """
 
 import fcntl
+import os
+import platform
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from tracer.native.entries import compiles_nothing, current_image
 from tracer.native.image import ImageError, load_image
 from tracer.native.key import image_path, prune_kernels
-from tracer.native.link import LinkError
+from tracer.paths import cache_root
+
+_HAS_IMAGES: Final = sys.platform == "linux" and platform.machine() == "x86_64"  # what `tracer.native.link` knows
 
 
 class ImageState(NamedTuple):
@@ -40,7 +47,7 @@ def image_state() -> ImageState:
 
 
 def warm(on_compile: Callable[[], None] | None = None) -> float:
-    """Map the image of the kernels; compile and write it where there is none, or none that can be used.
+    """Map the image of the kernels; have it made where there is none, or none that can be used.
 
     Where no image can be (another system than Linux on x86-64, a folder that cannot be written), the kernels are those
     that numba compiles in this process, and keeps on disk as it can.
@@ -58,39 +65,59 @@ def warm(on_compile: Callable[[], None] | None = None) -> float:
     start = time.perf_counter()
     if not compiles_nothing() and image_state().n_bytes == 0:
         path = image_path()
-        with _locked(path.parent):
-            if image_state().n_bytes == 0:  # else whoever held the lock before has made it
-                if on_compile is not None:
-                    on_compile()
-                _make_image(path)
-        current_image.cache_clear()
+        if _HAS_IMAGES and _is_writable(path.parent):
+            with _locked(path.parent):
+                if image_state().n_bytes == 0:  # else whoever held the lock before has made it
+                    if on_compile is not None:
+                        on_compile()
+                    _make_image(path)
+            current_image.cache_clear()
+        else:
+            if on_compile is not None:
+                on_compile()
+            import_module("tracer.native.build").compile_entries()  # by name, because it brings numba
     if current_image() is not None:
         prune_kernels(image_path().parent)
     return time.perf_counter() - start
 
 
+def _is_writable(folder: Path) -> bool:
+    """Make a folder if it is not there; tells whether files can be made in it."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
+
+
 def _make_image(path: Path) -> None:
-    """Compile all entries; write the image if that can be."""
-    # By name, because it brings numba.
-    build = import_module("tracer.native.build")
-    compiled = build.compile_entries()
+    """Compile all entries and write the image, in two processes as far as the work can be shared out."""
+    ahead = _start("ahead")
     try:
-        build.write_image(path, compiled)
-    except LinkError:
-        pass  # no images on this system: numba's own cache has to do
-    except OSError as error:
-        warnings.warn(f"no image of the kernels: {error}; every process compiles", RuntimeWarning, stacklevel=3)
+        making = _start(str(path.absolute()))
+        told = making.communicate()[1].strip().splitlines()
+    finally:
+        ahead.kill()
+        ahead.communicate()
+    if making.returncode:
+        reason = told[-1] if told else f"exit status {making.returncode}"
+        warnings.warn(f"no image of the kernels: {reason}; every process compiles", RuntimeWarning, stacklevel=3)
+
+
+def _start(argument: str) -> subprocess.Popen[str]:
+    """Start `tracer.native.build` of these sources, wherever the name `tracer` leads otherwise."""
+    return subprocess.Popen(  # noqa: S603 - ourselves
+        [sys.executable, "-m", "tracer.native.build", argument],
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, "SMALTI_CACHE": str(cache_root().absolute())},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock between processes; where none can be had, work is done twice and nothing else is lost."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = (folder / "warm.lock").open("a")
-    except OSError:
-        yield
-        return
-    with handle:
+    """Hold an exclusive lock between processes."""
+    with (folder / "warm.lock").open("a") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield

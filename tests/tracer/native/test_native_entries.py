@@ -230,22 +230,45 @@ def test_of_two_processes_one_compiles(own_cache):
     assert own_cache.stat().st_size > 10_000
 
 
-def test_where_nothing_can_be_written_numba_does_it(own_cache, monkeypatch):
-    """No folder, no lock, no image: a warning, and the kernels all the same."""
+def test_the_compiler_leaves_nothing_in_this_process(own_cache):
     own_cache.unlink()
+    code = "from tracer.native.warm import warm; warm(lambda: print('compiling'))"
+    assert run(code + TELL).splitlines() == ["compiling", "[]"]
+
+
+def test_an_image_that_cannot_be_written_is_told(own_cache):
+    """A folder in its place: a warning with the reason, and numba's kernels all the same."""
+    own_cache.unlink()
+    own_cache.mkdir()
     code = """
 import warnings
-import tracer.native.build as build
-def refuse(path, compiled):
-    raise PermissionError(13, "Permission denied", str(path))
-build.write_image = refuse
 from tracer.native.warm import warm
 with warnings.catch_warnings(record=True) as seen:
     warnings.simplefilter("always")
     warm()
-print([str(one.message)[:23] for one in seen])
+    from tests.tracer.render.hand_made import mixed
+    mixed()
+print(*[str(one.message) for one in seen], sep="\\n")
 """
-    assert run(code) == "['no image of the kernels']"
+    told = run(code + TELL[2:]).splitlines()
+    assert "no image of the kernels: IsADirectoryError" in told[0]
+    assert "Is a directory" in told[1]
+    assert "numba" in told[-1]
+
+
+@pytest.mark.parametrize("has_images", [True, False])
+def test_where_no_image_can_be_numba_compiles_here(own_cache, tmp_path, has_images):
+    """Another system, and a cache that cannot be: the kernels are compiled in this process."""
+    own_cache.unlink()
+    cache = tmp_path / "file" if has_images else tmp_path
+    (tmp_path / "file").write_text("no folder")
+    code = f"""
+import tracer.native.warm as module
+module._HAS_IMAGES = {has_images}
+module.import_module = lambda name: type("Build", (), {{"compile_entries": staticmethod(lambda: print(name))}})
+module.warm(lambda: print("compiling"))
+"""
+    assert run(code, SMALTI_CACHE=str(cache)).splitlines() == ["compiling", "tracer.native.build"]
 
 
 def test_what_is_compiled_ahead_is_compiled_in_full():
