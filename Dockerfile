@@ -50,7 +50,8 @@ COPY --from=build /opt/smalti /opt/smalti
 WORKDIR /var/lib/smalti
 USER smalti
 
-# At the place where they are used, by the user who uses them: the cache is keyed by both.
+# By the user who uses them. Processes map an image that is known by its content alone; numba's cache, beside it, also
+# by place and time.
 RUN smalti warm
 
 VOLUME /data

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.local import compile_document
-from tracer.jit import warm
+from tracer.native.warm import warm
 from tracer.render import get_backend, list_blocks
 from tracer.types import COUNTERS, SETTING_SAMPLES
 

@@ -48,10 +48,16 @@ def process_lines(title: str, rows: list[dict[str, Any]]) -> list[str]:
     """Return the table of what was measured from process start."""
     lines = ["", f"## {title}", "", "| what | wall s | CPU s | of which |", "|---|---|---|---|"]
     for row in rows:
-        named = {"import_s": "import", "kernels_s": "kernels from the cache", "render_s": "picture"}
-        told = [f"{label} {row[name]:.2f}" for name, label in named.items() if name in row]
+        named = {
+            "import_s": "import",
+            "kernels_s": "kernels from the cache",
+            "render_s": "picture",
+            "write_s": "file",
+            "answer_s": "POST to the end",
+        }
+        told = [f"{label} {row[name]:.3f}" for name, label in named.items() if name in row]
         if "functions" in row:
-            told.append(f"{row['functions']} functions")
+            told.append(f"{row['functions']} functions, image of {row['image_bytes'] / 1e3:.0f} kB")
         lines.append(f"| {row['what']} | {row['wall_s']:.2f} | {row['cpu_s']:.2f} | {', '.join(told)} |")
     return lines
 

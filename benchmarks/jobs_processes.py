@@ -1,6 +1,7 @@
 """The rows of `benchmarks.jobs` that are about processes: start, first compilation, two workers against one.
 
-Invariant: wall time, from before the process is started; CPU seconds of the process and its children beside it.
+Invariants: wall time, from before the process is started; CPU seconds of the process and its children beside it;
+modules come from bytecode, as after an installation, whatever the environment says of writing it.
 """
 
 import json
@@ -24,17 +25,28 @@ from client.launch import service
 _STEPS = """
 import json, sys, time
 start = time.perf_counter()
-import client.cli, client.local
+from pathlib import Path
+import typer._adapters
+import client.assets, client.cli, client.local
+from tracer.film.writer import FilmWriter
+from tracer.native.warm import warm
 from tracer.render import render_scene
 from tracer.scene import parse_scene
+import OpenImageIO
 imported = time.perf_counter()
-from tracer.jit import warm
-warm(lock=False)
+warm()
 loaded = time.perf_counter()
-render_scene(parse_scene(open(sys.argv[1], "rb").read()), None, threads=1)
+film = render_scene(parse_scene(open(sys.argv[1], "rb").read()), None, threads=1)
 rendered = time.perf_counter()
-print(json.dumps({"import_s": imported - start, "kernels_s": loaded - imported, "render_s": rendered - loaded}))
+_, _, width, height = film.window
+with FilmWriter(None, Path(sys.argv[2]), width, height) as writer:
+    writer.write_rows(film.pixels)
+    writer.close()
+written = time.perf_counter()
+seconds = {"import_s": imported - start, "kernels_s": loaded - imported}
+print(json.dumps({**seconds, "render_s": rendered - loaded, "write_s": written - rendered}))
 """
+_WAIT_S = 60
 
 
 def timed(command: list[str], **variables: str) -> tuple[float, float, str]:
@@ -45,11 +57,11 @@ def timed(command: list[str], **variables: str) -> tuple[float, float, str]:
     subprocess.CalledProcessError
         It failed.
     """
+    environment = {**os.environ, **variables}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
-    done = subprocess.run(
-        command, cwd=REPOSITORY, env={**os.environ, **variables}, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True)
     wall_s = time.perf_counter() - start
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -58,13 +70,18 @@ def timed(command: list[str], **variables: str) -> tuple[float, float, str]:
 
 def measure_start(repeats: int, peer: str | None) -> list[dict[str, Any]]:
     """Measure a 64 x 64 picture from process start, kernels compiled; ours, through the service, and the peer's."""
-    steps: dict[str, list[float]] = {"import_s": [], "kernels_s": [], "render_s": []}
+    steps: dict[str, list[float]] = {"import_s": [], "kernels_s": [], "render_s": [], "write_s": []}
+    answers: list[float] = []
     walls: dict[str, list[tuple[float, float]]] = {"render": [], "submit": [], "mitsuba": []}
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder, "scene.json")
-        scene.write_text(json.dumps(cornell_box(64, 64, 4)))
+        document = cornell_box(64, 64, 4)
+        scene.write_text(json.dumps(document))
+        bytecode = {
+            "PYTHONPYCACHEPREFIX": str(Path(folder, "bytecode"))
+        }  # written in the first turn, which is not told
         smalti = [sys.executable, "-m", "client"]
-        with service(workers=1) as running:
+        with service(workers=1) as running, Client(running.url) as client:
             for turn in range(repeats + 1):
                 target = str(Path(folder, f"{turn}.png"))
                 runs = {
@@ -74,11 +91,14 @@ def measure_start(repeats: int, peer: str | None) -> list[dict[str, Any]]:
                 if peer:
                     runs["mitsuba"] = [peer, str(REPOSITORY / "benchmarks" / "peer_mitsuba.py"), "--start"]
                 for name, command in runs.items():
-                    wall_s, cpu_s, _ = timed(command)
+                    wall_s, cpu_s, _ = timed(command, **bytecode)
                     if turn:
                         walls[name].append((wall_s, cpu_s))
-                told = json.loads(timed([sys.executable, "-c", _STEPS, str(scene)])[2])
+                told = json.loads(timed([sys.executable, "-c", _STEPS, str(scene), target], **bytecode)[2])
+                posted = time.perf_counter()
+                require_success(client.submit(document, prefer_wait_s=_WAIT_S))
                 if turn:
+                    answers.append(time.perf_counter() - posted)
                     for name, seconds in told.items():
                         steps[name].append(seconds)
     labels = {
@@ -96,6 +116,7 @@ def measure_start(repeats: int, peer: str | None) -> list[dict[str, Any]]:
         if found
     ]
     rows[0] |= {name: statistics.median(seconds) for name, seconds in steps.items()}
+    rows[1]["answer_s"] = statistics.median(answers)
     return rows
 
 
@@ -104,7 +125,13 @@ def measure_compile() -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as cache:
         wall_s, cpu_s, _ = timed([sys.executable, "-m", "client", "warm"], SMALTI_CACHE=cache)
         n_files = len(list(Path(cache).glob("**/*.nbc")))
-    return [{"what": "`smalti warm`, empty SMALTI_CACHE", "wall_s": wall_s, "cpu_s": cpu_s, "functions": n_files}]
+        n_bytes = sum(path.stat().st_size for path in Path(cache).glob("**/*.image"))
+        again_s, again_cpu_s, _ = timed([sys.executable, "-m", "client", "warm"], SMALTI_CACHE=cache)
+    cold = {"what": "`smalti warm`, empty SMALTI_CACHE", "wall_s": wall_s, "cpu_s": cpu_s}
+    return [
+        {**cold, "functions": n_files, "image_bytes": n_bytes},
+        {"what": "`smalti warm` again", "wall_s": again_s, "cpu_s": again_cpu_s},
+    ]
 
 
 def rendering_s(client: Client, samples: int, seed: int) -> tuple[float, float]:

@@ -18,8 +18,6 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote
 
-import httpx
-
 from client.assets import PreparedScene, absent_error, prepare_scene, read_scene
 from client.download import download
 from client.errors import (
@@ -32,39 +30,19 @@ from client.errors import (
     UsageError,
     parse_faults,
 )
+from client.http import httpx
 from client.models import Job, JobPage
+from client.results import RESULTS, result_kind
 from client.transport import CHUNK_BYTES, Transport
 from client.watch import watch
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 LONGEST_PREFER_WAIT_S = 60  # the service's limit
-RESULTS: Mapping[str, str] = {
-    "png": "result.png",
-    "exr": "result.exr",
-    "preview": "preview.png",
-    "report": "report",
-}
-"""Kinds of results → last part of their URL."""
 
 
 def default_url() -> str:
     """`SMALTI_URL`, else the service on this machine."""
     return os.environ.get("SMALTI_URL") or DEFAULT_URL
-
-
-def result_kind(target: Path) -> str:
-    """Kind of result for a file name: `.png`, `.exr`, or `.json` for the report.
-
-    Raises
-    ------
-    UsageError
-        For any other extension.
-    """
-    kinds = {".png": "png", ".exr": "exr", ".json": "report"}
-    try:
-        return kinds[target.suffix.lower()]
-    except KeyError:
-        raise UsageError(f"cannot tell the format of {target}: end its name in .png, .exr or .json") from None
 
 
 class Client:

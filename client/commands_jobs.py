@@ -50,8 +50,8 @@ def submit(
 
     With -o, wait for the end and download.
     """
-    from client.api import result_kind
     from client.assets import prepare_scene, read_scene
+    from client.results import result_kind
 
     terminal = Terminal(as_json=as_json, quiet=quiet)
     targets = [(path, result_kind(path)) for path in output or []]  # a bad name is told before any work
@@ -60,6 +60,7 @@ def submit(
     prepared = prepare_scene(options.override(document, samples=samples, size=size), folder)
     for warning in prepared.warnings:
         terminal.warn(warning)
+    follow = wait or watch or bool(targets)
     with _connect(url) as client:
         job = client.submit(
             prepared,
@@ -67,8 +68,9 @@ def submit(
             priority=priority,
             name=name,
             idempotency_key=idempotency_key,
+            prefer_wait_s=1 if follow and timeout is None else None,  # a small job is done before a stream is open
         )
-        if not (wait or watch or targets):
+        if not follow:
             _print_job(terminal, job, id_only=True)
             terminal.note(f"submitted; follow it with: smalti watch {job.id}")
             return
@@ -114,8 +116,8 @@ def get(
     as_json: options.Json = False,
 ) -> None:
     """Download results: the picture, its preview, the report."""
-    from client.api import result_kind
     from client.formats import format_bytes
+    from client.results import result_kind
 
     terminal = Terminal(as_json=as_json)
     suffix = {ResultKind.EXR: ".exr", ResultKind.REPORT: ".json"}.get(kind or ResultKind.PNG, ".png")
@@ -242,7 +244,7 @@ def _follow(client: "Client", job: "Job", terminal: Terminal, *, timeout: float 
 
     try:
         with show_progress("", quiet=terminal.quiet or not bar) as view:
-            for seen in client.watch(job.id, timeout_s=timeout):
+            for seen in [job] if job.is_terminal else client.watch(job.id, timeout_s=timeout):
                 job = seen
                 view.update(job.state, job.progress)
     except KeyboardInterrupt:

@@ -22,6 +22,9 @@ ReadyFile = Annotated[Path | None, typer.Option(metavar="FILE", help="Written on
 LogFile = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the log there.")]
 
 
+COMPILING = "compiling the kernels; this is needed once, and takes about a minute"
+
+
 def render(
     scene: options.Scene,
     output: options.Outputs = None,
@@ -34,8 +37,8 @@ def render(
     quiet: options.Quiet = False,
 ) -> None:
     """Render a scene on this machine, without a service."""
-    from client.api import result_kind
     from client.assets import prepare_scene, read_scene
+    from client.results import result_kind
 
     terminal = Terminal(as_json=as_json, quiet=quiet)
     if not output:
@@ -50,8 +53,9 @@ def render(
     for warning in prepared.warnings:
         terminal.warn(warning)
     from client.formats import format_count, format_duration
-    from client.local import render_to_files
+    from client.local import render_to_files, warm_kernels
 
+    warm_kernels(lambda: terminal.note(COMPILING))
     outcome = render_to_files(prepared, targets, png_color_space=str(png), threads=threads, quiet=terminal.quiet)
     if as_json:
         terminal.json(outcome)
@@ -140,12 +144,10 @@ def worker(
 def warm(quiet: options.Quiet = False) -> None:
     """Compile the kernels into the cache ahead of use."""
     from client.formats import format_duration
-    from client.local import kernel_cache, warm_kernels
+    from client.local import warm_kernels
 
     terminal = Terminal(quiet=quiet)
-    if kernel_cache().files == 0:
-        terminal.note("compiling the kernels; this is needed once")
-    seconds = warm_kernels()
+    seconds = warm_kernels(lambda: terminal.note(COMPILING))
     terminal.note(f"kernels are ready ({format_duration(seconds)})")
 
 

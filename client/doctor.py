@@ -138,12 +138,19 @@ def _cache() -> Iterator[Finding]:
     from client.local import kernel_cache
 
     cache = kernel_cache()
-    if cache.files:
-        yield Finding("ok", "kernel cache", f"{cache.files} files, {format_bytes(cache.size)}, in {cache.folder}")
-    else:
-        yield Finding(
-            "note", "kernel cache", f"empty: the first render compiles; `smalti warm` does it now ({cache.folder})"
+    if cache.image_bytes:
+        text = f"image {cache.key} of {format_bytes(cache.image_bytes)}: nothing has to be compiled; in {cache.folder}"
+        yield Finding("ok", "kernel cache", text)
+    elif cache.fault:
+        yield Finding("note", "kernel cache", f"{cache.fault}; `smalti warm` makes it anew")
+    elif cache.files:
+        text = (
+            f"no image {cache.key}, but {cache.files} files of numba's, {format_bytes(cache.size)}, in {cache.folder}"
         )
+        yield Finding("note", "kernel cache", f"{text}; `smalti warm` makes the image")
+    else:
+        text = f"no image {cache.key}: the first render compiles; `smalti warm` does it now ({cache.folder})"
+        yield Finding("note", "kernel cache", text)
     if not cache.is_writable:
         text = f"{cache.folder} is not writable: every process compiles anew; set SMALTI_CACHE"
         yield Finding("bad", "kernel cache", text)

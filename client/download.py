@@ -12,9 +12,8 @@ import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
-import httpx
-
 from client.errors import DownloadError
+from client.http import httpx
 from client.transport import Transport
 
 TRIES = 5

@@ -6,7 +6,7 @@ Invariant: the heavy imports (numba, OpenImageIO) happen inside the functions th
 import json
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +26,28 @@ CANCEL_S = 2.0  # kernels see the flag within milliseconds; a compilation sees n
 
 @dataclass(frozen=True, slots=True)
 class KernelCache:
-    """The folder of compiled kernels: how many files it holds, and their size in bytes."""
+    """The compiled kernels of this version and CPU.
 
+    Attributes
+    ----------
+    key : str
+        Hash of what they are compiled from and for.
+    folder : Path
+        Where they are kept.
+    image_bytes : int
+        Size of the image that processes map; 0 where there is none.
+    fault : str
+        Why the image that is there cannot be used; usually empty.
+    files, size : int
+        Files of numba's own cache, and their bytes.
+    is_writable : bool
+        Whether an image can be written.
+    """
+
+    key: str
     folder: Path
+    image_bytes: int
+    fault: str
     files: int
     size: int
     is_writable: bool
@@ -65,12 +84,14 @@ def parse_text(text: bytes | str, label: str) -> dict[str, Any]:
     SceneInvalidError
         With every fault, in the words of the service.
     """
-    from tracer.scene import SceneError, parse_scene
+    from tracer.scene import SceneError
     from tracer.scene.text import load_json, plain
 
     try:
         document, faults = plain(load_json(text))
         if faults or not isinstance(document, dict):
+            from tracer.scene import parse_scene  # the models: not for a text that a service will check
+
             parse_scene(text)
     except SceneError as error:
         raise scene_invalid(error, label) from error
@@ -113,20 +134,35 @@ def scene_schema() -> dict[str, Any]:
 
 
 def kernel_cache() -> KernelCache:
-    """Look at the cache of compiled kernels of this version and CPU."""
-    from tracer.jit import KERNEL_CACHE
+    """Look at the compiled kernels of this version and CPU."""
+    from tracer.native.warm import image_state
 
-    folder = Path(KERNEL_CACHE)
+    state = image_state()
+    folder = state.path.parent
     sizes = [path.stat().st_size for path in folder.glob("**/*.nb[ic]")] if folder.is_dir() else []
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
-    return KernelCache(folder=folder, files=len(sizes), size=sum(sizes), is_writable=os.access(existing, os.W_OK))
+    return KernelCache(
+        key=state.key,
+        folder=folder,
+        image_bytes=state.n_bytes,
+        fault=state.fault,
+        files=len(sizes),
+        size=sum(sizes),
+        is_writable=os.access(existing, os.W_OK),
+    )
 
 
-def warm_kernels() -> float:
-    """Compile all kernels into the cache, or load them; returns seconds."""
-    from tracer.jit import warm
+def warm_kernels(on_compile: Callable[[], None] | None = None) -> float:
+    """Map the compiled kernels, or compile them; returns seconds.
 
-    return float(warm(lock=True))
+    Parameters
+    ----------
+    on_compile : callable, optional
+        Called before anything is compiled.
+    """
+    from tracer.native.warm import warm
+
+    return warm(on_compile)
 
 
 def render_to_files(
@@ -200,8 +236,8 @@ def _render(scene: "SceneDoc", prepared: PreparedScene, threads: int, *, quiet: 
     """Render in a thread of its own: Python sees Ctrl-C only outside kernels, so the main thread stays out of them."""
     import numpy as np
 
-    from tracer.jit import cache_root
     from tracer.loaders.errors import LoadError
+    from tracer.paths import cache_root
     from tracer.render import Canceled, render_scene
     from tracer.scene import AssetRef, SceneError
 

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
-
 from client.errors import ApiError, NotReachableError, SmaltiError, UsageError, error_from_problem
+from client.http import httpx
 
 RETRIED_STATUSES = frozenset({429, 502, 503, 504})
 FIRST_BACKOFF_S = 0.2  # doubled each time: 0.2 + 0.4 + 0.8 + 1.6 s bridges the restart of an API process (about 1 s)

@@ -15,9 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import httpx
-
 from client.errors import NotReachableError, SmaltiError, TimedOutError
+from client.http import httpx
 from client.models import Job, Progress
 from client.sse import ServerEvent, parse_events
 from client.transport import Transport

@@ -8,78 +8,21 @@ Kernels release the GIL, divide as numpy does, raise nothing, and are never comp
 the geometry's exact predicates would lose hits.
 """
 
-import fcntl
-import hashlib
 import os
 import sys
-import time
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
-# Folders and modules whose text decides what is compiled; the others hold no kernels.
-_KERNEL_SOURCES: Final = (
-    "types.py",
-    "jit.py",
-    "simd",
-    "sampling",
-    "geometry",
-    "rays",
-    "accel",
-    "shading",
-    "integrators",
-    "render/blocks.py",
-)
-
-
-def cache_root() -> Path:
-    """Directory of everything that Smalti caches on this host.
-
-    Returns
-    -------
-    Path
-        ``$SMALTI_CACHE``, else ``$XDG_CACHE_HOME/smalti``, else ``~/.cache/smalti``.
-    """
-    own = os.environ.get("SMALTI_CACHE")
-    if own:
-        return Path(own)
-    shared = os.environ.get("XDG_CACHE_HOME")
-    return (Path(shared) if shared else Path.home() / ".cache") / "smalti"
-
-
-def kernel_key() -> str:
-    """Hash of the kernels' sources, the compiler's versions and the CPU that is compiled for.
-
-    ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` stand for the host's CPU where they are set: an image compiled ahead
-    for x86-64-v3 finds its kernels on every machine.
-
-    Returns
-    -------
-    str
-        16 hexadecimal digits.
-    """
-    from llvmlite import binding
-
-    digest = hashlib.sha256()
-    folder = Path(__file__).parent
-    for entry in _KERNEL_SOURCES:
-        path = folder / entry
-        for source in [path] if path.is_file() else sorted(path.glob("**/*.py")):
-            digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
-    for package in ("numba", "llvmlite", "numpy"):
-        digest.update(f"{package} {metadata.version(package)}\n".encode())
-    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES", "")
-    digest.update(f"{sys.version_info[:2]} {cpu} {features}".encode())
-    return digest.hexdigest()[:16]
+from tracer.native.key import kernel_folder, mark_use
 
 
 def _activate_cache() -> Path:
     """Point numba's disk cache at the directory of this source, and return it."""
-    directory = cache_root() / "kernels" / kernel_key()
+    directory = kernel_folder()
+    mark_use(directory)
     os.environ["NUMBA_CACHE_DIR"] = str(directory)
     loaded = sys.modules.get("numba")
     if loaded is not None:  # somebody was first: numba read the environment already
@@ -93,7 +36,13 @@ import numba  # noqa: E402 - the cache directory must be set first
 from numba import types as numba_types  # noqa: E402
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
-_OPTIONS: Final[dict[str, Any]] = {"nogil": True, "cache": True, "error_model": "numpy", "fastmath": False}
+_OPTIONS: Final[dict[str, Any]] = {
+    "nogil": True,
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": False,
+    "no_cfunc_wrapper": True,  # nothing calls a kernel by a C pointer: less to compile
+}
 
 # Constructor of numba's integers, typed Any because numpy's integers are no `int` to a type checker. `int64(-1)` also
 # keeps numba from compiling a copy of a function for the literal -1.
@@ -142,31 +91,3 @@ else:
 
         address: Any = numba_types.CPointer(array.dtype)  # type: ignore[no-untyped-call]
         return address(array), generate
-
-
-def warm(*, lock: bool = True) -> float:
-    """Compile, or load from disk, everything that rendering needs, by rendering a tiny scene.
-
-    Parameters
-    ----------
-    lock
-        Hold a file lock meanwhile. Cold processes do not coordinate: without it each of them compiles.
-
-    Returns
-    -------
-    float
-        Seconds that it took, waiting for the lock included.
-    """
-    from importlib import import_module
-
-    start = time.perf_counter()
-    # By name, because this module is the lowest layer: only this function reaches up, and only when called.
-    render_tiny = import_module("tracer.render.tiny").render_tiny
-    if not lock:
-        render_tiny()
-        return time.perf_counter() - start
-    KERNEL_CACHE.mkdir(parents=True, exist_ok=True)
-    with (KERNEL_CACHE / "warm.lock").open("a") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        render_tiny()
-    return time.perf_counter() - start

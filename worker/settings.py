@@ -11,15 +11,7 @@ from pathlib import Path
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-
-def default_cache_dir() -> Path:
-    """Return the folder of caches of this host: ``$XDG_CACHE_HOME/smalti`` or ``~/.cache/smalti``.
-
-    ``tracer.jit.cache_root`` without ``SMALTI_CACHE``, which pydantic reads; a test holds the two together, because the
-    API, which has these settings too, may not import numba.
-    """
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "smalti"
+from tracer.paths import cache_root
 
 
 def count_cores() -> int:
@@ -33,7 +25,7 @@ class FarmSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="SMALTI_", frozen=True, extra="ignore")
 
     store: Path = Field(default=Path(".smalti/store"), description="Folder of the store: the truth.")
-    cache: Path = Field(default_factory=default_cache_dir, description="Folder of this host's caches; may be deleted.")
+    cache: Path = Field(default_factory=cache_root, description="Folder of this host's caches; may be deleted.")
     redis_url: str | None = Field(
         default=None, description="redis://, rediss:// or unix:// of a server to use; none starts an embedded Valkey."
     )

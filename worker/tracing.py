@@ -10,16 +10,19 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import structlog
 from numpy.typing import NDArray
 
-from tracer.jit import warm
 from tracer.loaders.errors import LoadError
+from tracer.native.warm import warm
 from tracer.render import Canceled, compile_cached, get_backend
 from tracer.render.cache import trim_cache
 from tracer.scene import AssetResolver, SceneDoc, SceneError
 from tracer.types import FilmBlocks
 from worker.backends import CanceledError, SceneFaultError
 from worker.tasks import scene_fault
+
+log = structlog.get_logger()
 
 MAX_CACHE_BYTES: Final = 20 * 10**9
 """Compiled scenes that this host keeps: hundreds of millions of triangles, or a thousand scenes of everyday size, and
@@ -35,8 +38,8 @@ class TracerBackend:
         self.arithmetic = self._backend.arithmetic
 
     def warm(self) -> None:
-        """Compile the kernels, or load them from disk; processes take turns."""
-        warm(lock=True)
+        """Map the kernels' image; the first process of a host compiles it, while the others wait."""
+        warm(lambda: log.info("compiling the kernels; this is needed once, and takes about a minute"))
 
     def compile(self, scene: SceneDoc, assets: AssetResolver, cache: Path) -> tuple[Any, Mapping[str, Any]]:
         """Compile a scene, or map the one that was compiled on this host before."""

@@ -91,6 +91,25 @@ def test_a_job_that_ends_badly_has_its_exit_code(smalti: Any, fake: Any, scene: 
     assert ("a.obj: no faces" in result.stderr) == (state == "failed")
 
 
+@pytest.mark.parametrize(
+    ("options", "asked"),
+    [((), None), (("--wait",), "wait=1"), (("--watch",), "wait=1"), (("--wait", "--timeout", "5"), None)],
+)
+def test_who_waits_asks_the_service_to_answer_with_the_end(
+    smalti: Any, fake: Any, scene: Path, options: tuple[str, ...], asked: str | None
+) -> None:
+    """A small job has ended when the answer to the POST comes: one request, no stream, no second look."""
+    finish_after_submit(fake)
+    if asked:
+        fake.post_job = lambda request: httpx.Response(200, json=fake.add_job("job1", "succeeded"))
+    result = smalti("submit", scene, *options)
+    assert (result.exit_code, result.stdout.split()[0]) == (0, "job1")
+    posted = next(one for one in fake.requests if one.method == "POST" and one.url.path == "/v1/jobs")
+    assert posted.headers.get("Prefer") == asked
+    if asked:
+        assert [one for one in fake.requests if "/v1/jobs/job1" in one.url.path] == []
+
+
 def test_waiting_too_long_has_its_exit_code(smalti: Any, fake: Any, scene: Path) -> None:
     finish_after_submit(fake, "rendering")
     assert smalti("submit", scene, "--wait", "--timeout", "0.1").exit_code == 9

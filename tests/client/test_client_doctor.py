@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from client import cli, doctor
+from client import cli, doctor, local
 
 
 def smalti(*arguments: Any) -> Result:
@@ -53,6 +53,26 @@ def test_doctor_goes_on_after_a_check_that_breaks(monkeypatch: pytest.MonkeyPatc
     found = doctor.examine()
     assert ("bad", "processor", "OSError: kaboom") in [(one.level, one.what, one.text) for one in found]
     assert "disk" in levels(found)
+
+
+def cache_findings(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[tuple[str, str]]:
+    given = {"image_bytes": 0, "fault": "", "files": 0, "size": 0, "is_writable": True, **fields}
+    cache = local.KernelCache(key="0123abcd", folder=Path("/cache/kernels/0123abcd"), **given)
+    monkeypatch.setattr(local, "kernel_cache", lambda: cache)
+    return [(one.level, one.text) for one in doctor.examine() if one.what == "kernel cache"]
+
+
+def test_doctor_tells_of_the_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    [(level, text)] = cache_findings(monkeypatch, image_bytes=150_000)
+    assert (level, "0123abcd of 150 kB" in text, "/cache/kernels" in text) == ("ok", True, True)
+    [(level, text)] = cache_findings(monkeypatch, fault="/cache/kernels/0123abcd/a.image is damaged")
+    assert (level, "is damaged; `smalti warm`" in text) == ("note", True)
+    [(level, text)] = cache_findings(monkeypatch, files=7, size=2_000_000)
+    assert (level, "7 files" in text, "`smalti warm`" in text) == ("note", True, True)
+    found = cache_findings(monkeypatch, is_writable=False)
+    assert [level for level, _ in found] == ["note", "bad"]
+    assert "the first render compiles" in found[0][1]
+    assert "SMALTI_CACHE" in found[1][1]
 
 
 def test_doctor_says_that_a_named_service_is_missing() -> None:

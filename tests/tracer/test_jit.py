@@ -1,4 +1,4 @@
-"""The door to numba: cache directory, plain Python, warm-up."""
+"""The door to numba: cache directory, plain Python."""
 
 import os
 import subprocess
@@ -31,42 +31,6 @@ def test_cache_directory_is_set_before_numba_and_follows_the_settings(tmp_path):
     assert Path(xdg).is_relative_to(tmp_path / "b" / "smalti")
     late = run("import numba; " + code, SMALTI_CACHE=str(tmp_path / "a")).split("\n")
     assert late == [first, second]
-
-
-def test_key_follows_the_sources(tmp_path, monkeypatch):
-    import shutil
-
-    from tracer import jit
-
-    copy = tmp_path / "tracer"
-    shutil.copytree(ROOT / "tracer", copy, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(jit, "__file__", str(copy / "jit.py"))
-    before = jit.kernel_key()
-    assert before == jit.kernel_key()
-    (copy / "film" / "writer.py").write_text("# no kernel")
-    assert jit.kernel_key() == before
-    for name in ("geometry/shapes.py", "render/blocks.py", "types.py"):
-        with (copy / name).open("a") as source:
-            source.write("\n# changed\n")
-        after = jit.kernel_key()
-        assert after != before
-        before = after
-
-
-def test_warm_leaves_nothing_to_compile():
-    """A second process finds every kernel of a render on disk."""
-    code = """
-from tracer.jit import warm
-import numba.core.event as event
-compiled = event.RecordingListener()
-seconds = warm()
-event.register("numba:compile", compiled)
-from tests.tracer.render.hand_made import mixed
-from tracer.render import render_compiled
-assert render_compiled(mixed()).pixels.max() > 0
-print(seconds > 0, len(compiled.buffer))
-"""
-    assert run(code) == "True 0"
 
 
 def test_scalar_modules_run_as_plain_python():

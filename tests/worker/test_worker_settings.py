@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tracer.jit import cache_root
+from tracer.paths import cache_root
 from worker.settings import FarmSettings
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tracer.accel.layout import MAX_DEPTH
+from tracer.accel.layout import MAX_DEPTH, STOP
 from tracer.jit import inline, kernel
 from tracer.simd import (
     address_of,
@@ -44,7 +44,6 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 RECORD_BYTES: Final = 32
-STOP: Final = 2  # records that are not split further: of 3 or 4, one may be the wall behind all the others
 _BINS: Final = 16
 _ROW: Final = _BINS * RECORD_BYTES
 _ALL_BINS_BYTES: Final = 3 * _ROW

@@ -6,6 +6,7 @@ Invariants: as :mod:`tracer.accel.layout`; `emit_subtree` writes exactly the byt
 
 from typing import Any, Final
 
+from tracer.accel import layout
 from tracer.accel.binary import RECORD_BYTES
 from tracer.accel.collapse import KIDS_BYTES, PLAN_BYTES, aligned, gather_children, is_leaf, leaf_bytes
 from tracer.accel.layout import LEAF_BIT, NODE_BYTES, NODE_CHILDREN, NODE_HIGH, NODE_WIDTH, STACK_ENTRIES, UNIT
@@ -18,6 +19,7 @@ _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 _INF: Final = float("inf")
+ORDER_BITS: Final = layout.ORDER_BITS
 
 _SCRATCH_BYTES: Final = 2 * KIDS_BYTES
 _WALK_STACK_BYTES: Final = 16 * STACK_ENTRIES
@@ -27,7 +29,6 @@ _WALK_STACK_BYTES: Final = 16 * STACK_ENTRIES
 ORDERS: Final = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
 PLACE_1: Final = sum(order.index(1) << 2 * p for p, order in enumerate(ORDERS))
 PLACE_2: Final = sum(order.index(2) << 2 * p for p, order in enumerate(ORDERS))
-ORDER_BITS: Final = 3  # a leaf's word is id << ORDER_BITS | order
 
 
 @inline

@@ -37,6 +37,8 @@ NODE_HIGH: Final = 96  # byte offset from a row of lower bounds to its row of up
 LEAF_TRIANGLES: Final = 8
 LEAF_BIT: Final = -(2**31)
 PADDING: Final = 1024
+ORDER_BITS: Final = 3  # a leaf's word is id << ORDER_BITS | order
+STOP: Final = 2  # records that are not split further: of 3 or 4, one may be the wall behind all the others
 LARGEST: Final = 1e100  # |coordinate| of vertices and ray origins: products of three do not overflow
 MAX_BYTES: Final = 2**28 * UNIT
 

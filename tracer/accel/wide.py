@@ -16,15 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.accel import layout
-from tracer.accel.binary import STOP, bound_records, build_binary
-from tracer.accel.collapse import measure, plan_nodes
-from tracer.accel.emit import ORDER_BITS, emit_node, emit_single_leaf, emit_subtree
-from tracer.accel.records import make_records, survey_faces, survey_vertices
+from tracer.native.entries import entry
 
 _TASKS: Final = 12  # subtrees of a large mesh that threads build; few enough that the top is a small part
 _LARGE: Final = 20_000  # triangles from which on tasks are made at all
 _TOP_LEVELS: Final = 2  # wide levels written before the tasks: at most 1 + 8 nodes, 64 tasks
-MAX_FACES: Final = 2 ** (31 - ORDER_BITS)
+MAX_FACES: Final = 2 ** (31 - layout.ORDER_BITS)
+
+survey_vertices = entry("tracer.accel.records.survey_vertices")
+survey_faces = entry("tracer.accel.records.survey_faces")
+make_records = entry("tracer.accel.records.make_records")
+bound_records = entry("tracer.accel.binary.bound_records")
+build_binary = entry("tracer.accel.binary.build_binary")
+plan_nodes = entry("tracer.accel.collapse.plan_nodes")
+measure = entry("tracer.accel.collapse.measure")
+emit_single_leaf = entry("tracer.accel.emit.emit_single_leaf")
+emit_node = entry("tracer.accel.emit.emit_node")
+emit_subtree = entry("tracer.accel.emit.emit_subtree")
 
 
 class WideBvh(NamedTuple):
@@ -188,7 +196,7 @@ def _binary_tree(
     words = nodes.view(np.int32)
     nodes[0] = boxes[0]
     words[0, 3], words[0, 7] = 0, n
-    stop = n // _TASKS if n >= _LARGE else STOP
+    stop = n // _TASKS if n >= _LARGE else layout.STOP
     pending = np.empty((8 * _TASKS if n >= _LARGE else 0, 8))
     top, n_pending = build_binary(records, nodes, 0, 0, boxes[1], 1, stop, pending)
     costs = empty_aligned((top, 8), np.float32)
@@ -204,7 +212,7 @@ def _binary_tree(
         start = int(starts[i])
         bounds = np.ascontiguousarray(centroids[i])
         root = int(roots[i])
-        end, _ = build_binary(records, nodes, root, int(depths[i]), bounds, start, STOP, none)
+        end, _ = build_binary(records, nodes, root, int(depths[i]), bounds, start, layout.STOP, none)
         below = spare.pop() if spare else empty_aligned((2 * int(counts.max()), 8), np.float32)
         plan_nodes(nodes, start, end, below, start, below, start, plan)
         plan_nodes(nodes, root, root + 1, costs, 0, below, start, plan)

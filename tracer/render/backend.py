@@ -9,10 +9,12 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.render.blocks import render_blocks
+from tracer.native.entries import entry
 from tracer.render.compile import compile_scene
 from tracer.scene import AssetResolver, SceneDoc
 from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, check_layout
+
+render_blocks = entry("tracer.render.blocks.render_blocks")
 
 
 class Canceled(Exception):  # noqa: N818 - not a fault: what was asked for
