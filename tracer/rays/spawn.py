@@ -7,9 +7,27 @@ any scale.
 Source: Pharr et al., "Physically Based Rendering" 6.8.6.
 """
 
-from tracer.geometry.rounding import away
+from typing import Final
+
+from tracer.geometry.rounding import EPSILON, SMALLEST
 from tracer.jit import inline
 from tracer.types import Vec3
+
+_SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
+
+
+@inline
+def away(value: float, towards: float) -> float:
+    """Next float64 after ``value`` in the direction of the sign of ``towards`` (or the one after it; Rump 2009).
+
+    A zero ``towards`` leaves the value as it is.
+    """
+    step = abs(value) * _SUCCESSOR + SMALLEST
+    if towards > 0.0:
+        return value + step
+    if towards < 0.0:
+        return value - step
+    return value
 
 
 @inline

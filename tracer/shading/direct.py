@@ -88,7 +88,7 @@ _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 @inline
 def _away(value: Any, towards: Any) -> Any:
-    """As :func:`tracer.geometry.rounding.away`, in lanes."""
+    """As :func:`tracer.rays.spawn.away`, in lanes."""
     zero = splat(VECTOR, 0.0)
     step = absolute(value) * splat(VECTOR, _SUCCESSOR) + splat(VECTOR, SMALLEST)
     step = select(towards < zero, -step, step)
