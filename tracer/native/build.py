@@ -1,7 +1,9 @@
 """Compile the entries through numba and write the image: the one module here that imports the compiler.
 
-``python -m tracer.native.build IMAGE`` does it; ``python -m tracer.native.build ahead``, beside it, compiles large
-inner kernels into numba's cache before their turn comes.
+``python -m tracer.native.build IMAGE`` does it, in a process of its own: numba, as it is otherwise, optimises every
+kernel together with all that it calls, level by level, makes machine code and a wrapper for Python of each, and keeps
+all that; here it only writes LLVM's language, which is optimised once, when everything is together
+(`_for_linking`). That takes half the time.
 
 Each entry gets a door of its own, ``int32 door(int64 *words)``: numbers, and an array's address and lengths, are read
 from ``words``, numba's native function is called, its results are written back to ``words``, and what is returned is
@@ -13,6 +15,8 @@ it are written here, over ``malloc`` and ``free``.
 """
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -31,19 +35,6 @@ _cgutils: Final[Any] = import_module("numba.core.cgutils")
 _word: Final = ir.IntType(64)
 _words: Final = ir.PointerType(_word)
 _status: Final = ir.IntType(32)
-
-# Large inner kernels, for a second process to compile into numba's cache while the first is busy with what comes before
-# them; kinds as in `ENTRIES`, and those of `_numba_type`. All of it is about time alone.
-AHEAD: Final[dict[str, tuple[str, ...]]] = {
-    "tracer.rays.bundle.trace_bundle": ("i", "i", "i", "i", "i", "i", "i"),
-    "tracer.shading.surfaces.fill_surfaces": ("view", "vec3", "i", "i"),
-    "tracer.shading.direct.face_light": ("view", "i", "i", "i", "i", "pointer"),
-    "tracer.shading.direct.add_light": ("view", "i", "i", "i", "i"),
-    "tracer.accel.binned.build_tree": ENTRIES["tracer.accel.binned.build_tree"],
-    "tracer.accel.emit.emit_single_leaf": ENTRIES["tracer.accel.emit.emit_single_leaf"],
-    "tracer.accel.emit.emit_node": ENTRIES["tracer.accel.emit.emit_node"],
-    "tracer.accel.emit.emit_subtree": ENTRIES["tracer.accel.emit.emit_subtree"],
-}
 
 # The layout of numba's MemInfo (numba/core/runtime/nrt.cpp): reference count, destructor, its argument, data, size,
 # allocator. 64 bytes, so that data of any alignment up to that follows.
@@ -96,12 +87,6 @@ def _numba_type(kind: Any) -> Any:
     if kind == "scene":
         scene = import_module("tracer.types").CompiledScene
         return _types.NamedTuple([_numba_type(field) for field in expand(kind)], scene)
-    if kind == "view":  # the scene inside a kernel
-        return compile_kernel("tracer.accel.view.view_scene", ("scene",)).signature.return_type
-    if kind == "vec3":
-        return _types.NamedUniTuple(_types.float64, 3, import_module("tracer.types").Vec3)
-    if kind == "pointer":
-        return _types.CPointer(_types.int64)
     dtype, _, n_dimensions = kind.partition(":")
     return _types.Array(numba.from_dtype(numba.np.numpy_support.np.dtype(dtype)), int(n_dimensions), "C")
 
@@ -192,8 +177,12 @@ def _link(module: Any, compiled: list[Any], doors: set[str]) -> Any:
             variable.linkage = "internal"
     passes = binding.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
-    machine = _target_machine(compiled[0].target_context.codegen())
+    codegen = compiled[0].target_context.codegen()
+    machine = _target_machine(codegen)
     passes.run(linked, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
+    for options in ({"loop_vectorize": codegen._loopvect, "opt": codegen._opt_level, "cost": "cheap"}, {}):  # noqa: SLF001 - as numba optimises
+        manager, builder = codegen._module_pass_manager(**options)  # noqa: SLF001
+        manager.run(linked, builder)
     linked.verify()
     return linked
 
@@ -207,9 +196,45 @@ def _target_machine(codegen: Any) -> Any:
 
 
 def compile_entries() -> list[Any]:
-    """Compile all entries, or load them from numba's cache; those last that another process compiles, too."""
-    compiled = {name: compile_kernel(name, ENTRIES[name]) for name in sorted(ENTRIES, key=AHEAD.__contains__)}
-    return [compiled[name] for name in ENTRIES]
+    """Compile all entries, or load them from numba's cache."""
+    return [compile_kernel(name, kinds) for name, kinds in ENTRIES.items()]
+
+
+@contextmanager
+def _for_linking() -> Iterator[None]:
+    """Have numba write LLVM's language and no more: nothing that it compiles meanwhile can be called.
+
+    What stands for a kernel's Python function must be one of C, and another for each kernel: a list's own `append`.
+    """
+    caching = import_module("numba.core.caching")
+    codegen = import_module("numba.core.codegen")
+    context = import_module("numba.core.cpu").CPUContext
+
+    def finalize(_context: Any, library: Any, _description: Any, _environment: Any) -> Any:
+        library._ensure_finalized()  # noqa: SLF001
+        return [].append
+
+    def nothing(*_arguments: Any, **_options: Any) -> None:
+        pass
+
+    changes = [
+        (codegen.CPUCodeLibrary, "_optimize_functions", nothing),
+        (codegen.CPUCodeLibrary, "_optimize_final_module", nothing),
+        (codegen.JITCodeLibrary, "_finalize_specific", nothing),
+        (context, "create_cpython_wrapper", nothing),
+        (context, "get_executable", finalize),
+        (import_module("numba.core.event"), "broadcast", nothing),  # millions, that nobody listens to
+        (caching.FunctionCache, "load_overload", nothing),
+        (caching.FunctionCache, "save_overload", nothing),
+    ]
+    before = [getattr(owner, name) for owner, name, _ in changes]
+    for owner, name, change in changes:
+        setattr(owner, name, change)
+    try:
+        yield
+    finally:
+        for (owner, name, _), old in zip(changes, before, strict=True):
+            setattr(owner, name, old)
 
 
 def write_image(path: Path, compiled: list[Any]) -> int:
@@ -248,8 +273,6 @@ def write_image(path: Path, compiled: list[Any]) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "ahead":
-        for kernel_ahead, its_kinds in AHEAD.items():
-            compile_kernel(kernel_ahead, its_kinds)
-    else:
-        write_image(Path(sys.argv[1]), compile_entries())
+    with _for_linking():
+        entries = compile_entries()
+    write_image(Path(sys.argv[1]), entries)

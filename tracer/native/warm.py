@@ -1,7 +1,7 @@
 """Make the kernels ready ahead of use, once a host: map the image, or have it compiled and written.
 
-Invariants: one process compiles while the others wait (flock), and they find what it made; the compiler runs in
-processes of its own, because it leaves half a gigabyte behind.
+Invariants: one process compiles while the others wait (flock), and they find what it made; the compiler runs in a
+process of its own, because it leaves half a gigabyte behind.
 """
 
 import fcntl
@@ -89,30 +89,21 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _make_image(path: Path) -> None:
-    """Compile all entries and write the image, in two processes as far as the work can be shared out."""
-    ahead = _start("ahead")
-    try:
-        making = _start(str(path.absolute()))
-        told = making.communicate()[1].strip().splitlines()
-    finally:
-        ahead.kill()
-        ahead.communicate()
-    if making.returncode:
-        reason = told[-1] if told else f"exit status {making.returncode}"
-        warnings.warn(f"no image of the kernels: {reason}; every process compiles", RuntimeWarning, stacklevel=3)
-
-
-def _start(argument: str) -> subprocess.Popen[str]:
-    """Start `tracer.native.build` of these sources, wherever the name `tracer` leads otherwise."""
-    return subprocess.Popen(  # noqa: S603 - ourselves
-        [sys.executable, "-m", "tracer.native.build", argument],
+    """Have the image made by a process that runs these sources, wherever the name `tracer` leads otherwise."""
+    making = subprocess.run(  # noqa: S603 - ourselves
+        [sys.executable, "-m", "tracer.native.build", str(path.absolute())],
         cwd=Path(__file__).parents[2],
         env={**os.environ, "SMALTI_CACHE": str(cache_root().absolute())},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
+        check=False,
     )
+    if making.returncode:
+        told = making.stderr.strip().splitlines()
+        reason = told[-1] if told else f"exit status {making.returncode}"
+        warnings.warn(f"no image of the kernels: {reason}; every process compiles", RuntimeWarning, stacklevel=3)
 
 
 @contextmanager

@@ -269,19 +269,3 @@ module.import_module = lambda name: type("Build", (), {{"compile_entries": stati
 module.warm(lambda: print("compiling"))
 """
     assert run(code, SMALTI_CACHE=str(cache)).splitlines() == ["compiling", "tracer.native.build"]
-
-
-def test_what_is_compiled_ahead_is_compiled_in_full():
-    """A hint that names no kernel, or wrong arguments, costs time and tells nobody: so it is told here."""
-    from numba.core import event
-
-    from tracer.native.build import AHEAD, compile_kernel
-
-    compiled = event.RecordingListener()
-    numba_kernel("tracer.render.blocks.render_blocks")
-    compile_kernel("tracer.render.blocks.render_blocks", ("scene", *ENTRIES["tracer.render.blocks.render_blocks"][1:]))
-    event.register("numba:compile", compiled)
-    for name, kinds in AHEAD.items():
-        compile_kernel(name, kinds)
-    event.unregister("numba:compile", compiled)
-    assert [one.data["dispatcher"].__name__ for _, one in compiled.buffer] == []
