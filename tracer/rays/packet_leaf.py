@@ -137,6 +137,10 @@ def _cut_by_beam(rows: Any, place: int, row: int, kx: int, ky: int, kz: int, bea
     positive = (u > u_off) | (v > v_off) | (s > s_off)
     out = (out | (negative & positive)) & known
     out = out | (farthest < _spread(beam + BEAM_FIRST)) | (nearest > _spread(beam + BEAM_LAST))
+    # within the edges by so much that the predicate is certain, too: its bound counts the farthest vertex for each edge
+    reach = maximum(maximum(maximum(xa, ya), maximum(xb, yb)), maximum(xc, yc)) + (w + h)
+    sure = reach * reach * splat(VECTOR, 4.0 * CERTAIN)
+    u_off, v_off, s_off = u_off + sure, v_off + sure, s_off + sure
     inside = ((u > u_off) & (v > v_off) & (s > s_off)) | ((u < -u_off) & (v < -v_off) & (s < -s_off))
     on_the_way = (nearest > _spread(beam + BEAM_SURE_FIRST)) & (farthest < _spread(beam + BEAM_SURE_LAST))
     return mask_to_bits(~out), mask_to_bits(inside & known), mask_to_bits(on_the_way)
