@@ -6,7 +6,6 @@ to the colour.
 Invariant: bit for bit the colours that the packets give. The same floats are computed in the same order.
 """
 
-import math
 from typing import Final
 
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
@@ -49,17 +48,11 @@ from tracer.types import (
     Vec3,
 )
 
-_float64: Final = types.float64
 _int64: Final = types.int64
-_INF: Final = math.inf
 _SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
 _SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
 _SKIPPED_SHARED: Final = COUNTERS.index("shadow_rays_skipped_shared")
 _SKIPPED_SHARED_PRIMARY: Final = COUNTERS.index("primary_rays_skipped_shared")
-_MOST_LIGHTS: Final = 62  # sets of lights are int64
-_WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
-_AWAY: Final = -(2.0**-30)  # n . l: no rounding makes it positive
-_CLEAR: Final = 2.0**-20  # share of its way that a shadow ray has gone when it meets what darkens it, and has left
 
 
 @kernel

@@ -59,7 +59,8 @@ from tracer.rays.beam import (
     survey,
     survey_pencil,
 )
-from tracer.rays.packet_leaf import coordinate, cut_leaf, meet_triangle, meet_within
+from tracer.rays.packet_cut import cut_leaf
+from tracer.rays.packet_leaf import coordinate, meet_triangle, meet_within
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,

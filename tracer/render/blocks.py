@@ -220,7 +220,7 @@ def _render_wave(
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there
     together = max(1, PACKET // per_pixel)  # pixels of a packet
-    part = max(together, _SQUARE)
+    part = together * max(1, _SQUARE // together)  # whole packets that are asked about together
     for pixel in range(0, n_pixels, together):
         if whole.divided and pixel % part == 0:
             seen = _see_wave(view, ambient, scratch, pixels, pixel, min(part, n_pixels - pixel))

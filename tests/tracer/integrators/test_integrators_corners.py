@@ -130,6 +130,17 @@ def test_pictures_are_the_same_bit_for_bit(scale):
     assert shadows > 0.08 * 12
 
 
+@pytest.mark.parametrize("samples", [1, 3, 5, 12, 24, 100])
+def test_any_number_of_samples(samples):
+    """Packets hold whole pixels, so 12 samples make packets of 5 pixels, which must not straddle what was asked about."""
+    rng = np.random.default_rng(samples)
+    size = 320 if samples == 1 else 96  # fewer samples make waves of more pixels, which see less often one face
+    for _ in range(3):
+        picture = settings(width=size, height=size, samples=samples, depth=2)
+        counters = both(room(rng, 1.0, settings=picture, camera=NARROW))
+        assert counters["primary_rays_skipped_shared"] > 0
+
+
 def test_a_wall_alone_is_shared_by_all():
     """One wall, a lamp in front, one behind: nothing is traced."""
     lights = [point((0.5, 0.3, 1.0)), directional((0, 0, 1))]

@@ -29,7 +29,7 @@ from tracer.rays.beam import (
     BEAM_Y_START,
     BEAM_Y_WIDTH,
 )
-from tracer.rays.packet_leaf import cut_leaf
+from tracer.rays.packet_cut import cut_leaf
 from tracer.simd import address_of
 
 
