@@ -72,6 +72,9 @@ from tracer.types import (
 _float64: Final = types.float64
 _int64: Final = types.int64
 
+BOUNCES: Final = -1  # instead of the first ray's sample: rays of any samples, and whether they come from the eye
+FROM_EYE: Final = -2
+
 _PRIMARY_SHARED: Final = COUNTERS.index("primary_rays_skipped_shared")
 _SHADOW_SHARED: Final = COUNTERS.index("shadow_rays_skipped_shared")
 _SHADOW_RAYS: Final = COUNTERS.index("shadow_rays")
@@ -145,12 +148,15 @@ def _find_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int, mode: 
 def _light_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int) -> None:
     """Add the light that comes straight from the lamps, shadow rays traced where it is not known that all arrive."""
     for light in range(view.n_lights):
-        lit = face_light(view, light, scratch.hits, scratch.shadows, lanes, scratch.counters)
-        if view.settings[SETTING_SHADOWS] != 0 and ((seen.lit | seen.dark) >> light) & 1:
+        if (seen.dark >> light) & 1:
+            scratch.counters[_SHADOW_SHARED] += population_count(lanes)
+            continue
+        known = view.settings[SETTING_SHADOWS] == 0 or (seen.lit >> light) & 1 != 0
+        shadows = int64(0) if known else scratch.shadows
+        lit = face_light(view, light, scratch.hits, shadows, lanes, scratch.counters)
+        if view.settings[SETTING_SHADOWS] != 0 and known:
             scratch.counters[_SHADOW_SHARED] += population_count(lit)
-            if (seen.dark >> light) & 1:
-                continue
-        elif view.settings[SETTING_SHADOWS] != 0 and lit != 0:
+        elif lit != 0 and not known:
             scratch.counters[_SHADOW_RAYS] += population_count(lit)
             to_point = view.light_kind[light] != LIGHT_KIND_DIRECTIONAL
             lit &= ~trace_scene(
@@ -166,7 +172,7 @@ def _light_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int) -> No
             if view.n_shapes + view.n_planes > 0:
                 lit &= ~_shade_by_shapes(view, scratch, light, lit)
         if lit != 0:
-            add_light(view, light, scratch.hits, scratch.shadows, lit)
+            add_light(view, light, scratch.hits, shadows, lit)
 
 
 @inline
@@ -230,11 +236,12 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen,
     lanes
         The rays.
     start
-        For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``. For bounces -1.
+        For camera rays the sample of lane 0: lane i is the first ray of sample ``start + i``; or `FROM_EYE`: they are
+        in any order. For bounces `BOUNCES`.
     """
-    from_eye = start >= 0 and view.settings[SETTING_CAMERA] == CAMERA_VIEW_PLANE
+    from_eye = start != BOUNCES and view.settings[SETTING_CAMERA] == CAMERA_VIEW_PLANE
     met = _find_hits(view, scratch, seen, lanes, int64(CLOSEST + FROM_POINT) if from_eye else int64(CLOSEST))
-    if start < 0:
+    if start == BOUNCES:
         _attenuate_throughput(view, scratch, lanes)
     missed = lanes & ~met
     if missed != 0:
@@ -258,5 +265,10 @@ def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
         if n == 0:
             return
         trace_radiance(
-            view, ambient, scratch, nothing_seen(False), int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(-1)
+            view,
+            ambient,
+            scratch,
+            nothing_seen(False),
+            int64(ALL) if n == PACKET else (int64(1) << n) - 1,
+            int64(BOUNCES),
         )

@@ -175,8 +175,9 @@ def _keep(ray: int, mask: Any, word: int, t: Any, u: Any, v: Any, w: Any) -> Non
     weight_1 = u if second == 0 else (v if second == 1 else w)
     weight_2 = u if third == 0 else (v if third == 1 else w)
     put(ray + T_BEST, mask, t)
-    put(ray + WEIGHT_1, mask, weight_1 / total)
-    put(ray + WEIGHT_2, mask, weight_2 / total)
+    inverse = splat(VECTOR, 1.0) / total
+    put(ray + WEIGHT_1, mask, weight_1 * inverse)
+    put(ray + WEIGHT_2, mask, weight_2 * inverse)
     put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, word >> ORDER_BITS))
 
 

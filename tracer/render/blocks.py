@@ -11,13 +11,14 @@ The cancel flag is read before every wave, so a cancel is seen within a few mill
 Sources: Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
 """
 
+import math
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracer.accel.view import VIEW_BYTES, view_scene
-from tracer.integrators.blinn_phong import total_ambient, trace_bounces, trace_radiance
+from tracer.integrators.blinn_phong import FROM_EYE, total_ambient, trace_bounces, trace_radiance
 from tracer.integrators.corners import Seen, look_at_corners
 from tracer.integrators.plain import shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
@@ -76,6 +77,9 @@ _BLOCK_PIXELS: Final = BLOCK_PX * BLOCK_PX
 _SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
 _HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
+_ORDER_BYTES: Final = 8 * PACKET
+_FINE: Final = 4  # cells a side that a pixel is divided into where it fills a packet, else 2
+_CELLS_BYTES: Final = 8 * _FINE * _FINE
 _WORD_BYTES: Final = 4 * PACKET
 
 
@@ -135,9 +139,55 @@ def _place_samples(
         store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, points + ROW + k))
 
 
+@inline
+def _order_samples(x: int, y: int, n: int, per_pixel: int, points: int, numbers: int) -> None:
+    """Bring the samples of each pixel that lie near each other together, so that four rays at a time go the same way.
+
+    Parameters
+    ----------
+    x, y
+        Addresses of rows of float64, places in the picture; put in order.
+    n, per_pixel
+        Up to 64 samples; those of a pixel here.
+    points
+        Address of two rows of scratch.
+    numbers
+        Address of int64: where each sample stood before.
+    """
+    cells = stack_memory(_CELLS_BYTES)
+    fine = per_pixel >= PACKET
+    side = _FINE if fine else 2
+    for first in range(0, n, per_pixel):
+        for cell in range(side * side):
+            store(cells + 8 * cell, _int64(0))
+        for k in range(first, first + per_pixel):
+            u, v = load(_float64, x + 8 * k), load(_float64, y + 8 * k)
+            column, row = _int64((u - math.floor(u)) * side), _int64((v - math.floor(v)) * side)
+            # cells follow each other to and fro
+            cell = row * side + (column if row & 1 == 0 else side - 1 - column)
+            store(numbers + 8 * k, cell)
+            store(points + 8 * k, u)
+            store(points + ROW + 8 * k, v)
+            store(cells + 8 * cell, load(_int64, cells + 8 * cell) + 1)
+        place = first
+        for cell in range(side * side):
+            count = load(_int64, cells + 8 * cell)
+            store(cells + 8 * cell, place)
+            place += count
+        for k in range(first, first + per_pixel):
+            cell = cells + 8 * load(_int64, numbers + 8 * k)
+            place = load(_int64, cell)
+            store(cell, place + 1)
+            store(x + 8 * place, load(_float64, points + 8 * k))
+            store(y + 8 * place, load(_float64, points + ROW + 8 * k))
+            store(points + 2 * ROW + 8 * place, k)
+    for k in range(n):
+        store(numbers + 8 * k, load(_int64, points + 2 * ROW + 8 * k))
+
+
 @kernel
 def _trace_camera_rays(
-    view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, places: int, n: int, start: int
+    view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, places: int, n: int, per_pixel: int, start: int
 ) -> None:
     """Trace up to 64 camera rays.
 
@@ -147,13 +197,20 @@ def _trace_camera_rays(
         As `trace_radiance`.
     places
         Where they pass through the picture (`_place_samples`).
-    n
-        How many.
+    n, per_pixel
+        How many; those of a pixel.
     start
         Number of the first in the wave.
     """
     settings = view.settings
     hits = scratch.hits
+    numbers = stack_memory(_ORDER_BYTES)
+    ordered = seen.face < 0 and settings[SETTING_SKIP] != 0 and per_pixel % LANES == 0
+    if ordered:
+        _order_samples(places, places + ROW, n, min(per_pixel, n), hits + THROUGHPUT, numbers)
+    else:
+        for k in range(0, n, LANES):
+            store(numbers + 8 * k, iota(INTEGERS) + splat(INTEGERS, k))
     fill_camera_rays(
         view.camera,
         settings[SETTING_CAMERA],
@@ -165,7 +222,7 @@ def _trace_camera_rays(
         hits + DIRECTION,
     )
     one, none = splat(VECTOR, 1.0), splat(INTEGERS, _int64(-1))
-    number = iota(INTEGERS) + splat(INTEGERS, start)
+    first = splat(INTEGERS, start)
     for k in range((n + 3) // 4):
         at_lanes = hits + STEP * k
         d = at_lanes + DIRECTION
@@ -176,10 +233,11 @@ def _trace_camera_rays(
         store(at_lanes + THROUGHPUT, one)
         store(at_lanes + THROUGHPUT + ROW, one)
         store(at_lanes + THROUGHPUT + 2 * ROW, one)
-        store(at_lanes + SAMPLE, number + splat(INTEGERS, _int64(4) * k))
+        store(at_lanes + SAMPLE, load(INTEGERS, numbers + STEP * k) + first)
         store(at_lanes + DEPTH, none + splat(INTEGERS, _int64(1)))
         store(at_lanes + FROM, none)
-    trace_radiance(view, ambient, scratch, seen, int64(ALL) if n == PACKET else (int64(1) << n) - 1, start)
+    lanes = int64(ALL) if n == PACKET else (int64(1) << n) - 1
+    trace_radiance(view, ambient, scratch, seen, lanes, int64(FROM_EYE) if ordered else start)
 
 
 @kernel
@@ -233,7 +291,7 @@ def _render_wave(
             if seen.plain:
                 shade_plain(view, ambient, scratch, seen, places, rays, start)
             else:
-                _trace_camera_rays(view, ambient, scratch, seen, places, rays, start)
+                _trace_camera_rays(view, ambient, scratch, seen, places, rays, per_pixel, start)
     trace_bounces(view, ambient, scratch)
     add_wave(scratch.radiance, n_pixels, per_pixel, first, sums)
 

@@ -27,7 +27,8 @@ from tracer.types import (
     CompiledScene,
 )
 
-_CHUNK_BLOCKS: Final = 16  # blocks of one call: enough to forget the call's cost, few enough to share out evenly
+_CHUNK_BLOCKS: Final = 64  # blocks of one call at most: enough to forget the call's cost
+_SHARES: Final = 4  # calls of a thread at least, to share out evenly
 
 
 class Progress(NamedTuple):
@@ -86,6 +87,7 @@ def render_compiled(
     pixels = np.empty((height, width, 3), np.float32)
     counters = np.zeros(len(COUNTERS), np.int64)
     rays = [i for i, name in enumerate(COUNTERS) if name.endswith("_rays")]
+    step = min(_CHUNK_BLOCKS, -(-len(blocks) // (_SHARES * max(threads, 1))))
     lock = threading.Lock()
     kernel_s = 0.0
     done = 0
@@ -93,7 +95,7 @@ def render_compiled(
 
     def render_chunk(first: int) -> None:
         nonlocal kernel_s, done
-        chunk = blocks[first : first + _CHUNK_BLOCKS]
+        chunk = blocks[first : first + step]
         began = time.thread_time()
         film = backend.render(compiled, chunk, (0, n_samples), flag)
         spent = time.thread_time() - began
@@ -108,7 +110,7 @@ def render_compiled(
             if progress is not None:
                 progress(Progress(done, len(blocks), int(counters[rays].sum()), time.perf_counter() - start))
 
-    firsts = range(0, len(blocks), _CHUNK_BLOCKS)
+    firsts = range(0, len(blocks), step)
     if threads <= 1:
         for first in firsts:
             render_chunk(first)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tracer.jit import inline, kernel
 from tracer.sampling.sampler import sample_keyed
-from tracer.simd import convert, int32x8, load, reverse_bits, shift_right_logical, splat, store
+from tracer.simd import any_lane, convert, int32x8, load, reverse_bits, shift_right_logical, splat, store
 from tracer.simd.gateway import types
 from tracer.types import SAMPLER_SOBOL
 
@@ -112,15 +112,20 @@ def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, 
         bits += 1
     lift = splat(int32x8, _int32(_int64(1) << (32 - bits))) if bits > 0 else _word(0)
     drop = _int32(32 - bits if bits > 0 else 31)
+    last = load(int32x8, keys)
+    shuffle, for_u, for_v = _hash(last ^ _word(_SHUFFLE)), _hash(last ^ _word(_U)), _hash(last ^ _word(_V))
     for k in range((n + LANES - 1) // LANES):
         key = load(int32x8, keys + _BYTES * k)
+        if any_lane(key != last):  # mostly eight samples of one pixel, then eight more
+            last = key
+            shuffle, for_u, for_v = _hash(key ^ _word(_SHUFFLE)), _hash(key ^ _word(_U)), _hash(key ^ _word(_V))
         index = load(int32x8, indices + _BYTES * k)
-        index = shift_right_logical(_scramble(reverse_bits(index * lift), _hash(key ^ _word(_SHUFFLE))), drop)
+        index = shift_right_logical(_scramble(reverse_bits(index * lift), shuffle), drop)
         index = index & _word(-1 if bits > 0 else 0)
-        _store_unit(us + 2 * _BYTES * k, _scramble(index, _hash(key ^ _word(_U))))
+        _store_unit(us + 2 * _BYTES * k, _scramble(index, for_u))
         second = index ^ (_right(index, 1) & _word(_M1))
         second = second ^ (_right(second, 2) & _word(_M2))
         second = second ^ (_right(second, 4) & _word(_M4))
         second = second ^ (_right(second, 8) & _word(_M8))
         second = second ^ (_right(second, 16) & _word(_M16))
-        _store_unit(vs + 2 * _BYTES * k, _scramble(second, _hash(key ^ _word(_V))))
+        _store_unit(vs + 2 * _BYTES * k, _scramble(second, for_v))
