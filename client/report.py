@@ -11,6 +11,7 @@ from client.terminal import Terminal
 
 SKIPPED_NAMES: Mapping[str, str] = {
     "primary_rays_skipped_shared": "camera rays that one beam spoke for",
+    "reflection_rays_skipped_shared": "mirrored rays that one beam spoke for",
     "shadow_rays_skipped_facing": "shadow rays to lights behind the surface",
     "shadow_rays_skipped_black": "shadow rays that could add nothing",
     "shadow_rays_skipped_shared": "shadow rays that one beam spoke for",

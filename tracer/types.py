@@ -32,6 +32,7 @@ COUNTERS: Final[tuple[str, ...]] = (
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
     "transmission_rays",  # rays traced along eq. 18
     "primary_rays_skipped_shared",  # of these, not traced: one beam showed which face all of a wave meet
+    "reflection_rays_skipped_shared",  # the same of reflection rays, off a flat mirror
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
     "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a wave are lit, or all are dark

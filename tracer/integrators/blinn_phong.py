@@ -49,7 +49,7 @@ from tracer.rays.rows import (
 from tracer.shading.direct import add_light, face_light
 from tracer.shading.lights import shadow_ray
 from tracer.shading.phong import attenuation
-from tracer.shading.rows import COLOR, DIRECTION, FROM, SAMPLE, THROUGHPUT, lane_at, put_lane, put_vector, spread
+from tracer.shading.rows import COLOR, DEPTH, DIRECTION, FROM, SAMPLE, THROUGHPUT, lane_at, put_lane, put_vector, spread
 from tracer.shading.surfaces import fill_surfaces
 from tracer.simd import count_trailing_zeros, load, mask_to_bits, population_count, splat, store
 from tracer.simd.gateway import types
@@ -76,6 +76,7 @@ BOUNCES: Final = -1  # instead of the first ray's sample: rays of any samples, a
 FROM_EYE: Final = -2
 
 _PRIMARY_SHARED: Final = COUNTERS.index("primary_rays_skipped_shared")
+_REFLECTION_SHARED: Final = COUNTERS.index("reflection_rays_skipped_shared")
 _SHADOW_SHARED: Final = COUNTERS.index("shadow_rays_skipped_shared")
 _SHADOW_RAYS: Final = COUNTERS.index("shadow_rays")
 
@@ -130,8 +131,9 @@ def _find_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int, mode: 
     """Trace the rays; returns those that have met something."""
     hits = scratch.hits
     if seen.face >= 0:
-        meet_known(hits, lanes, seen.place, seen.size, seen.row, seen.word, seen.axis)
-        scratch.counters[_PRIMARY_SHARED] += population_count(lanes)
+        from_eye = mode & FROM_POINT != 0
+        meet_known(hits, lanes, seen.place, seen.size, seen.row, seen.word, seen.axis, from_eye)
+        scratch.counters[_PRIMARY_SHARED if from_eye else _REFLECTION_SHARED] += population_count(lanes)
         return lanes
     trace_scene(view, scratch.trees, hits, lanes, mode, int64(0), int64(0), int64(0))
     if view.n_shapes + view.n_planes > 0:
@@ -232,7 +234,7 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen,
         ``hits`` holds the rays: ORIGIN, DIRECTION (unit), SHEAR, SPEED, AXIS, SKIP, THROUGHPUT, SAMPLE, DEPTH, FROM;
         T_BEST infinite and PRIMITIVE -1.
     seen
-        What is known of them; :func:`tracer.integrators.corners.nothing_seen` of bounces.
+        What is known of them.
     lanes
         The rays.
     start
@@ -258,17 +260,23 @@ def trace_radiance(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen,
 
 
 @kernel
-def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch) -> None:
-    """Trace all bounces that wait, and theirs; parameters as `trace_radiance`."""
+def trace_bounces(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, kept: int) -> None:
+    """Trace bounces that wait, and theirs.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As `trace_radiance`.
+    seen, kept
+        What is known of those of depth 1; as `take_bounces`: all bounces, or what a flat mirror has just sent on.
+    """
     while True:
-        n = take_bounces(view, scratch)
+        n = take_bounces(view, scratch, kept)
         if n == 0:
             return
+        known = nothing_seen(False)
+        if load(_int64, scratch.hits + DEPTH) == 1:
+            known = seen
         trace_radiance(
-            view,
-            ambient,
-            scratch,
-            nothing_seen(False),
-            int64(ALL) if n == PACKET else (int64(1) << n) - 1,
-            int64(BOUNCES),
+            view, ambient, scratch, known, int64(ALL) if n == PACKET else (int64(1) << n) - 1, int64(BOUNCES)
         )

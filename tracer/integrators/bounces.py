@@ -258,9 +258,22 @@ def _deepest(scratch: Scratch, which: int, max_depth: int) -> Any:
     return depth
 
 
+@inline
+def n_mirrored(scratch: Scratch) -> Any:
+    """Count the mirrored bounces of depth 1 that wait."""
+    return load(_int64, scratch.heights + REFLECTED * scratch.heights_row + 8)
+
+
 @kernel
-def take_bounces(view: SceneView, scratch: Scratch) -> Any:
+def take_bounces(view: SceneView, scratch: Scratch, kept: int) -> Any:
     """Take up to 64 bounces of one depth off a stack, and make them the rays of ``scratch.hits``.
+
+    Parameters
+    ----------
+    view, scratch
+        The scene; stacks and rays.
+    kept
+        Mirrored bounces of depth 1 that stay, and with them all of depth 1 that is let through; -1: nothing stays.
 
     Returns
     -------
@@ -274,7 +287,12 @@ def take_bounces(view: SceneView, scratch: Scratch) -> Any:
         return _int64(0)
     which = int64(REFLECTED) if mirrored == depth else int64(TRANSMITTED)
     heights = scratch.heights + which * scratch.heights_row
-    n = min(_int64(PACKET), load(_int64, heights + 8 * depth))
+    n = load(_int64, heights + 8 * depth)
+    if kept >= 0 and depth == 1:
+        n = n - kept if which == REFLECTED else _int64(0)
+        if n <= 0:
+            return _int64(0)
+    n = min(_int64(PACKET), n)
     height = load(_int64, heights) - n
     store(heights, height)
     store(heights + 8 * depth, load(_int64, heights + 8 * depth) - n)

@@ -12,6 +12,11 @@ to a plane, its sign, the sign of n . l of a flat face, and the dominant axis wi
 they are at its corners; each is asked for with a margin above what rounding can amount to. A spot's cone is convex, its
 outside is not.
 
+A flat mirror sends on what comes from the eye as if from one point behind it. So the corners' mirrored rays tell of all
+mirrored rays what the corners' rays told of the camera's (`look_in_mirror`). That holds for the plane's own normal; the
+rays' directions and origins are off by some units of 2**-52 of the scene's size, a fiftieth of what the beam has room
+for.
+
 Invariant: what is said is certain for the rays as they are rounded; else nothing is said (face -1, or a light that is
 in no set).
 """
@@ -20,7 +25,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from tracer.accel.layout import HEADER_WIDE_LEAVES
-from tracer.geometry.vector import at, cross, dot, is_black, multiply, subtract
+from tracer.geometry.vector import add, at, cross, dot, is_black, multiply, negate, scale, subtract
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -37,10 +42,23 @@ from tracer.rays.rows import (
     T_BEST,
     VECTOR,
     WEIGHT_1,
+    mask_of,
     shear_lanes,
 )
-from tracer.shading.direct import face_light, see_light
-from tracer.shading.rows import ATTENUATION, DIRECTION, GEOMETRIC, NORMAL, POSITION, THROUGHPUT, TO_LIGHT, vector_at
+from tracer.shading.direct import face_light, offset_origins, see_light
+from tracer.shading.rows import (
+    ATTENUATION,
+    DIRECTION,
+    GEOMETRIC,
+    NORMAL,
+    POSITION,
+    START,
+    THROUGHPUT,
+    TO_LIGHT,
+    choose,
+    put_vector,
+    vector_at,
+)
 from tracer.shading.surfaces import face_normals, fill_surfaces
 from tracer.simd import absolute, all_lanes, load, maximum, splat, stand_alone, store
 from tracer.simd.gateway import types
@@ -60,6 +78,7 @@ from tracer.types import (
     N_MATERIAL_FLAGS,
     SETTING_CAMERA,
     SETTING_HEIGHT,
+    SETTING_MAX_DEPTH,
     SETTING_SHADOWS,
     SETTING_SKIP,
     SETTING_WIDTH,
@@ -73,6 +92,7 @@ _INF: Final = math.inf
 _MOST_LIGHTS: Final = 62  # sets of lights are int64
 _WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
 _AWAY: Final = 2.0**-30  # of cosines: no rounding changes the sign
+_SAME: Final = 2.0**-50  # of a unit normal's components: one plane
 _CLEAR: Final = 2.0**-20  # share of its way that a shadow ray has gone when it meets what darkens it, and has left
 
 
@@ -89,7 +109,7 @@ class Seen(NamedTuple):
     dark: int  # lights of which every shadow ray meets something opaque
     black: int  # lights that add nothing to this face
     away: int  # lights behind it
-    divided: bool  # parts of the rectangle may see one face each
+    divided: bool  # parts of the rectangle may see one face each, or more of what is known of it
     plain: bool  # one normal and colour all over, nothing is mirrored or let through, and each light is in a set
 
 
@@ -155,6 +175,13 @@ def _is_plain(view: SceneView, face: int) -> bool:
 
 
 @inline
+def _is_mirror(view: SceneView, face: int) -> bool:
+    """Tell whether a face mirrors and lets nothing through."""
+    i = N_MATERIAL * int64(view.face_material[face])
+    return not is_black(at(view.materials, i + MATERIAL_KR)) and is_black(at(view.materials, i + MATERIAL_KT))
+
+
+@inline
 def _all_dark(view: SceneView, scratch: Scratch, blocker: int) -> bool:
     """Tell whether four shadow rays, and so all between them, meet an opaque triangle well on their way."""
     if not is_black(at(view.materials, N_MATERIAL * int64(view.face_material[blocker]) + MATERIAL_KT)):
@@ -214,41 +241,14 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
 
 
 @kernel
-def look_at_corners(
-    view: SceneView, ambient: Vec3, scratch: Scratch, x0: float, y0: float, x1: float, y1: float
-) -> Seen:
-    """Find out what all camera rays of a rectangle of pixels see.
-
-    Parameters
-    ----------
-    view, ambient, scratch
-        As for :func:`tracer.integrators.blinn_phong.trace_radiance`; the rays of ``scratch`` are overwritten.
-    x0, y0, x1, y1
-        Rectangle in pixels from the top left corner of the full image.
-    """
+def _look(view: SceneView, ambient: Vec3, scratch: Scratch) -> Seen:
+    """Find out what all rays between four see: ORIGIN, DIRECTION, SKIP of ``scratch.hits`` are set."""
     stand_alone()
-    settings = view.settings
     hits = scratch.hits
-    if (
-        settings[SETTING_SKIP] == 0
-        or settings[SETTING_CAMERA] != CAMERA_VIEW_PLANE
-        or view.n_shapes + view.n_planes > 0
-        or view.n_placements > 1
-        or view.n_lights > _MOST_LIGHTS
-        or not 1e-100 < view.camera[CAMERA_DISTANCE] < 1e100
-    ):
-        return nothing_seen(False)
-    x, y = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free so far
-    for corner in range(4):
-        store(x + 8 * corner, _float64(x0 if corner % 2 == 0 else x1))
-        store(y + 8 * corner, _float64(y0 if corner < 2 else y1))
-    width, height = settings[SETTING_WIDTH], settings[SETTING_HEIGHT]
-    fill_camera_rays(view.camera, settings[SETTING_CAMERA], width, height, int64(4), x, hits + ORIGIN, hits + DIRECTION)
     d = vector_at(hits + DIRECTION)
     shear_lanes(hits, 0, d.x, d.y, d.z)
     store(hits + T_BEST, splat(VECTOR, _INF))
     store(hits + PRIMITIVE, splat(INTEGERS, _int64(-1)))
-    store(hits + SKIP, splat(INTEGERS, _int64(-1)))
     if not _goes_one_way(hits):
         return nothing_seen(False)
     corners = _int64(NIBBLE)
@@ -283,4 +283,73 @@ def look_at_corners(
     simple = flat and _is_plain(view, face)
     plain = simple and lit | dark | black | away == (_int64(1) << view.n_lights) - 1
     axis = load(_int64, hits + AXIS)
-    return Seen(face, place, row, size, word, axis, lit, dark, black, away, simple and not plain, plain)
+    divided = (simple and not plain) or (flat and _is_mirror(view, face))
+    return Seen(face, place, row, size, word, axis, lit, dark, black, away, divided, plain)
+
+
+@kernel
+def look_at_corners(
+    view: SceneView, ambient: Vec3, scratch: Scratch, x0: float, y0: float, x1: float, y1: float
+) -> Seen:
+    """Find out what all camera rays of a rectangle of pixels see.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As for :func:`tracer.integrators.blinn_phong.trace_radiance`; the rays of ``scratch`` are overwritten.
+    x0, y0, x1, y1
+        Rectangle in pixels from the top left corner of the full image.
+    """
+    stand_alone()
+    settings = view.settings
+    hits = scratch.hits
+    if (
+        settings[SETTING_SKIP] == 0
+        or settings[SETTING_CAMERA] != CAMERA_VIEW_PLANE
+        or view.n_shapes + view.n_planes > 0
+        or view.n_placements > 1
+        or view.n_lights > _MOST_LIGHTS
+        or not 1e-100 < view.camera[CAMERA_DISTANCE] < 1e100
+    ):
+        return nothing_seen(False)
+    x, y = hits + THROUGHPUT, hits + THROUGHPUT + ROW  # free so far
+    for corner in range(4):
+        store(x + 8 * corner, _float64(x0 if corner % 2 == 0 else x1))
+        store(y + 8 * corner, _float64(y0 if corner < 2 else y1))
+    width, height = settings[SETTING_WIDTH], settings[SETTING_HEIGHT]
+    fill_camera_rays(view.camera, settings[SETTING_CAMERA], width, height, int64(4), x, hits + ORIGIN, hits + DIRECTION)
+    store(hits + SKIP, splat(INTEGERS, _int64(-1)))
+    return _look(view, ambient, scratch)
+
+
+@kernel
+def look_in_mirror(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen) -> Seen:
+    """Find out what all camera rays of a rectangle see in the flat mirror that they meet.
+
+    Parameters
+    ----------
+    view, ambient, scratch
+        As :func:`look_at_corners` has left them.
+    seen
+        What it returned.
+    """
+    stand_alone()
+    if seen.face < 0 or view.settings[SETTING_MAX_DEPTH] < 1 or not _is_mirror(view, seen.face):
+        return nothing_seen(False)
+    hits = scratch.hits
+    d, n, plane = vector_at(hits + DIRECTION), vector_at(hits + NORMAL), vector_at(hits + GEOMETRIC)
+    along = dot(d, n)
+    n_turned = choose(dot(n, plane) < splat(VECTOR, 0.0), negate(n), n)
+    off = maximum(
+        maximum(absolute(n_turned.x - plane.x), absolute(n_turned.y - plane.y)), absolute(n_turned.z - plane.z)
+    )
+    if not (
+        _is_flat(view, seen.face) and all_lanes((off < splat(VECTOR, _SAME)) & (absolute(along) > splat(VECTOR, _AWAY)))
+    ):
+        return nothing_seen(False)
+    mirrored = add(d, negate(scale(n, splat(VECTOR, 2.0) * along)))
+    origin = offset_origins(hits, mirrored)
+    put_vector(hits + ORIGIN, mask_of(_int64(NIBBLE), 0), origin)
+    put_vector(hits + DIRECTION, mask_of(_int64(NIBBLE), 0), mirrored)
+    store(hits + SKIP, load(INTEGERS, hits + START))
+    return _look(view, ambient, scratch)

@@ -86,6 +86,7 @@ from tracer.simd import (
     minimum,
     multiply_add,
     population_count,
+    prefetch,
     splat,
     stack_memory,
     stand_alone,
@@ -117,6 +118,7 @@ _NEAR_BYTES: Final = 32
 _FOUND_BYTES: Final = 4 * STEP
 _SIFTED_BYTES: Final = 64
 _TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
+_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 _END: Final = 0x7FFFFFFFFFFFFFFF
 _ROOT: Final = HEADER_BYTES // UNIT << 3
 _ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
@@ -139,12 +141,16 @@ def _skips(packet: int, active: int, primitive: int) -> Any:
 
 
 @inline
-def _push_many(hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first; returns the new top."""
+def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
+    """Push all hit children, farthest first, and ask for their memory; returns the new top."""
     bottom = top
     while hits != 0:
         lane = count_trailing_zeros(hits)
-        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
+        word = _int64(load(_int32, children + 4 * lane))
+        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
+        place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
+        for line in range(_LINES):
+            prefetch(place + 64 * line)
         hits &= hits - 1
         slot = top
         while slot > bottom and load(_int64, slot - 8) < entry:
@@ -301,7 +307,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
                 continue
             store(near, enter - nearest)
-            top = _push_many(hits, near, children, top) - 8
+            top = _push_many(base, hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))

@@ -216,8 +216,10 @@ def meet_within(
 
 
 @kernel
-def meet_known(packet: int, active: int, place: int, size: int, row: int, word: int, axis: int) -> None:
-    """Intersect rays from one point with a triangle that all of them meet for certain, first of all triangles.
+def meet_known(
+    packet: int, active: int, place: int, size: int, row: int, word: int, axis: int, one_origin: bool
+) -> None:
+    """Intersect rays with a triangle that all of them meet for certain, first of all triangles.
 
     Parameters
     ----------
@@ -227,11 +229,13 @@ def meet_known(packet: int, active: int, place: int, size: int, row: int, word: 
         The triangle, as for `meet_triangle`.
     axis
         AXIS of the rays.
+    one_origin
+        All of them start in one point.
     """
     stand_alone()
     kz = axis >> 1
     axes = (kz - 2 if kz == 2 else kz + 1, kz - 1 if kz > 0 else _int64(2), kz)
-    meet_within(place, size, row, word, packet, active, axes, True)
+    meet_within(place, size, row, word, packet, active, axes, one_origin)
 
 
 @inline

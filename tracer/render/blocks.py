@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.integrators.blinn_phong import FROM_EYE, total_ambient, trace_bounces, trace_radiance
-from tracer.integrators.corners import Seen, look_at_corners
+from tracer.integrators.bounces import n_mirrored
+from tracer.integrators.corners import Seen, look_at_corners, look_in_mirror, nothing_seen
 from tracer.integrators.plain import shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.integrators.sums import SUMS, add_wave
@@ -275,24 +276,33 @@ def _render_wave(
         store(scratch.radiance + 8 * (WAVE + k), 0.0)
         store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
     seen = whole = _see_wave(view, ambient, scratch, pixels, 0, n_pixels)
+    mirrored = look_in_mirror(view, ambient, scratch, whole)
+    divided = whole.divided and mirrored.face < 0
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there
     together = max(1, PACKET // per_pixel)  # pixels of a packet
     part = together * max(1, _SQUARE // together)  # whole packets that are asked about together
-    for pixel in range(0, n_pixels, together):
-        if whole.divided and pixel % part == 0:
-            seen = _see_wave(view, ambient, scratch, pixels, pixel, min(part, n_pixels - pixel))
+    for corner in range(0, n_pixels, part):
+        n_part = min(part, n_pixels - corner)
+        if divided:
+            seen = _see_wave(view, ambient, scratch, pixels, corner, n_part)
+            mirrored = look_in_mirror(view, ambient, scratch, seen)
             if seen.face < 0:
                 seen = whole
-        for skipped in range(0, per_pixel, PACKET):
-            rays = min(PACKET, per_pixel - skipped) if together == 1 else min(together, n_pixels - pixel) * per_pixel
-            _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
-            start = pixel * per_pixel + skipped
-            if seen.plain:
-                shade_plain(view, ambient, scratch, seen, places, rays, start)
-            else:
-                _trace_camera_rays(view, ambient, scratch, seen, places, rays, per_pixel, start)
-    trace_bounces(view, ambient, scratch)
+        waiting = n_mirrored(scratch)
+        for pixel in range(corner, corner + n_part, together):
+            n_together = min(together, corner + n_part - pixel)
+            for skipped in range(0, per_pixel, PACKET):
+                rays = min(PACKET, per_pixel - skipped) if together == 1 else n_together * per_pixel
+                _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
+                start = pixel * per_pixel + skipped
+                if seen.plain:
+                    shade_plain(view, ambient, scratch, seen, places, rays, start)
+                else:
+                    _trace_camera_rays(view, ambient, scratch, seen, places, rays, per_pixel, start)
+        if mirrored.face >= 0:
+            trace_bounces(view, ambient, scratch, mirrored, waiting)
+    trace_bounces(view, ambient, scratch, nothing_seen(False), int64(-1))
     add_wave(scratch.radiance, n_pixels, per_pixel, first, sums)
 
 
