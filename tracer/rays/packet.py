@@ -76,7 +76,8 @@ from tracer.rays.rows import (
     mask_of,
     put,
 )
-from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups, sift_leaf
+from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups
+from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach
 from tracer.simd import (
     count_trailing_zeros,
     float32x8,
@@ -116,7 +117,6 @@ _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
 _FOUND_BYTES: Final = 4 * STEP
-_SIFTED_BYTES: Final = 64
 _TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
 _LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 _END: Final = 0x7FFFFFFFFFFFFFFF
@@ -279,7 +279,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     near = stack_memory(_NEAR_BYTES)
     found = stack_memory(_FOUND_BYTES)
     lines = stack_memory(GROUPS_BYTES)
-    sifted = stack_memory(_SIFTED_BYTES)
+    boxes = stack_memory(BOXES_BYTES)
     tries, room = _int64(0), -1.0
     ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
@@ -314,18 +314,26 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             n = (word & 7) + 1
             row = n * size
             ids = leaf + 9 * row
-            candidates, inside, on_the_way = cut_leaf(leaf, n, size, axes, beam)
-            inside &= believed
-            covers = inside & on_the_way
             changed = _int64(0)
-            at_edge = candidates & ~inside
-            if at_edge != 0 and mode != SOLE:
-                if tries < _TRIES:
+            by_groups = room >= 0.0
+            if by_groups:
+                x0, x1, y0, y1, z0, z1 = box_triangles(leaf, n, size, axes, frame, room, boxes)
+                enter, leave = maximum(z0, nearest), minimum(z1, farthest)
+                reach = (enter <= leave) & (x0 <= multiply_add(xh_up, leave, multiply_add(xh_down, enter, xh)))
+                reach = reach & (x1 >= multiply_add(xl_up, enter, multiply_add(xl_down, leave, xl)))
+                reach = reach & (y0 <= multiply_add(yh_up, leave, multiply_add(yh_down, enter, yh)))
+                reach = reach & (y1 >= multiply_add(yl_up, enter, multiply_add(yl_down, leave, yl)))
+                candidates = mask_to_bits(reach) & ((_int64(1) << n) - 1)
+                inside = covers = _int64(0)
+            else:
+                candidates, inside, on_the_way = cut_leaf(leaf, n, size, axes, beam)
+                inside &= believed
+                covers = inside & on_the_way
+                at_edge = candidates & ~inside
+                if at_edge != 0 and mode != SOLE and tries < _TRIES:
                     tries += population_count(at_edge)
-                    if tries >= _TRIES:  # a mesh finer than the beam
+                    if tries >= _TRIES:  # a mesh finer than the beam: from the next leaf on by groups
                         room = draw_groups(packet, active, size, axes, frame, breadth, lines)
-                if tries >= _TRIES and room >= 0.0:
-                    sift_leaf(leaf, n, size, at_edge, axes, frame, room, lines, sifted)
             while candidates != 0:
                 k = count_trailing_zeros(candidates)
                 candidates &= candidates - 1
@@ -348,8 +356,8 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     met = meet_within(leaf + k * size, size, row, face, packet, active, axes, one_origin)
                 else:
                     groups = _int64(EVERY_GROUP)
-                    if tries >= _TRIES and room >= 0.0 and (at_edge >> k) & 1:
-                        groups = load(_int64, sifted + 8 * k)
+                    if by_groups:
+                        groups = groups_that_reach(lines, boxes + 4 * k)
                         if groups == 0:
                             continue
                     met = meet_triangle(

@@ -12,8 +12,7 @@ from typing import Any, Final
 
 from tracer.jit import kernel
 from tracer.rays.tile_beam import BEAM_BYTES, draw_lines, pad_of, survey_tile
-from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach
-from tracer.simd import count_trailing_zeros, stack_memory, stand_alone, store
+from tracer.simd import stand_alone
 from tracer.simd.gateway import types
 
 _int64: Final = types.int64
@@ -56,31 +55,3 @@ def draw_groups(packet: int, active: int, size: int, axes: Any, frame: Any, brea
         return -1.0
     draw_lines(lines, breadth, pad_of(reach, breadth, slop), _LATE + slop)
     return float(2.0**-22 * (2.0 + centre))  # what a leaf's coordinates lose on their way into the frame
-
-
-@kernel
-def sift_leaf(
-    leaf: int, n: int, size: int, candidates: int, axes: Any, frame: Any, room: float, lines: int, groups: int
-) -> None:
-    """Find the groups of rays that each of a leaf's triangles concerns.
-
-    Parameters
-    ----------
-    leaf, n, size
-        The leaf: address, triangles, bytes of a coordinate.
-    candidates
-        Bits of the triangles to look at.
-    axes, frame
-        As in :mod:`tracer.rays.packet`.
-    room, lines
-        What `draw_groups` returned and wrote.
-    groups
-        Address of 8 int64: one bit a group, written for the candidates.
-    """
-    stand_alone()
-    boxes = stack_memory(BOXES_BYTES)
-    box_triangles(leaf, n, size, axes, frame, room, boxes)
-    while candidates != 0:
-        k = count_trailing_zeros(candidates)
-        candidates &= candidates - 1
-        store(groups + 8 * k, groups_that_reach(lines, boxes + 4 * k))

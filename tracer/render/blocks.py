@@ -206,7 +206,8 @@ def _trace_camera_rays(
     settings = view.settings
     hits = scratch.hits
     numbers = stack_memory(_ORDER_BYTES)
-    ordered = seen.face < 0 and settings[SETTING_SKIP] != 0 and per_pixel % LANES == 0
+    # where no two corners see one face: a fine mesh
+    ordered = seen.face < 0 and not seen.divided and settings[SETTING_SKIP] != 0 and per_pixel % LANES == 0
     if ordered:
         _order_samples(places, places + ROW, n, min(per_pixel, n), hits + THROUGHPUT, numbers)
     else:
