@@ -12,7 +12,7 @@ from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
 from tracer.geometry.vector import add, at, cross, dot, multiply, negate, subtract
 from tracer.integrators.corners import Seen, corners_of
 from tracer.integrators.scratch import WAVE, Scratch
-from tracer.jit import int64, kernel
+from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import view_directions
 from tracer.rays.packet_leaf import stack_of_nine
 from tracer.rays.predicate import weigh
@@ -24,7 +24,7 @@ from tracer.rays.rows import (
 from tracer.shading.direct import reflect_light, see_light
 from tracer.shading.rows import choose, spread
 from tracer.shading.surfaces import blend, face_normals
-from tracer.simd import load, splat, sqrt, stand_alone, store
+from tracer.simd import load, splat, sqrt, stack_memory, stand_alone, store
 from tracer.simd.gateway import types
 from tracer.types import (
     CAMERA_EYE,
@@ -48,11 +48,30 @@ from tracer.types import (
     Vec3,
 )
 
+_float64: Final = types.float64
 _int64: Final = types.int64
+_LAMP_BYTES: Final = 56  # kd and ks times the light's colours, and its number
+_SHARED_BYTES: Final = 64 * _LAMP_BYTES
 _SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
 _SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
 _SKIPPED_SHARED: Final = COUNTERS.index("shadow_rays_skipped_shared")
 _SKIPPED_SHARED_PRIMARY: Final = COUNTERS.index("primary_rays_skipped_shared")
+
+
+@inline
+def _put_color(address: int, color: Vec3) -> None:
+    store(address, color.x)
+    store(address + 8, color.y)
+    store(address + 16, color.z)
+
+
+@inline
+def _spread_color(address: int) -> Vec3:
+    return Vec3(
+        splat(VECTOR, load(_float64, address)),
+        splat(VECTOR, load(_float64, address + 8)),
+        splat(VECTOR, load(_float64, address + 16)),
+    )
 
 
 @kernel
@@ -104,6 +123,15 @@ def shade_plain(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, pl
     kd, ks = at(view.materials, i + MATERIAL_KD), at(view.materials, i + MATERIAL_KS)
     exponent, fading = view.materials[i + MATERIAL_EXPONENT], spread(at(view.materials, i + MATERIAL_A))
     own = add(multiply(at(view.materials, i + MATERIAL_KA), ambient), at(view.materials, i + MATERIAL_KE))
+    shared = stack_memory(_SHARED_BYTES)
+    n_lit = _int64(0)
+    for light in range(view.n_lights):
+        if (seen.lit >> light) & 1:
+            place, lamp = shared + _LAMP_BYTES * n_lit, N_LIGHT * light
+            _put_color(place, multiply(kd, at(view.lights, lamp + LIGHT_DIFFUSE)))
+            _put_color(place + 24, multiply(ks, at(view.lights, lamp + LIGHT_SPECULAR)))
+            store(place + 48, _int64(light))
+            n_lit += 1
     flat, level, turned = spread(normal), spread(facing), spread(negate(facing))
     for k in range((n + 3) // 4):
         x, y = load(VECTOR, places + STEP * k), load(VECTOR, places + ROW + STEP * k)
@@ -127,15 +155,14 @@ def shade_plain(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, pl
         if two_sided:
             shading = choose(dot(flat, d) > zero, turned, level)
         color = spread(own)
-        for light in range(view.n_lights):
-            if (seen.lit >> light) & 1 == 0:
-                continue
-            place = N_LIGHT * light
+        for lamp in range(n_lit):
+            place = shared + _LAMP_BYTES * lamp
+            light = load(_int64, place + 48)
             to_light, strength = see_light(view, int64(view.light_kind[light]), light, position, fading)
             cosine = dot(shading, to_light)
             reflected = reflect_light(
-                spread(multiply(kd, at(view.lights, place + LIGHT_DIFFUSE))),
-                spread(multiply(ks, at(view.lights, place + LIGHT_SPECULAR))),
+                _spread_color(place),
+                _spread_color(place + 24),
                 cosine,
                 splat(VECTOR, exponent),
                 shading,

@@ -77,6 +77,7 @@ from tracer.rays.rows import (
     put,
 )
 from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups
+from tracer.rays.tile_beam import groups_of
 from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach
 from tracer.simd import (
     count_trailing_zeros,
@@ -281,6 +282,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     lines = stack_memory(GROUPS_BYTES)
     boxes = stack_memory(BOXES_BYTES)
     tries, room = _int64(0), -1.0
+    alive = groups_of(active)
     ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
     top = stack
@@ -357,7 +359,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 else:
                     groups = _int64(EVERY_GROUP)
                     if by_groups:
-                        groups = groups_that_reach(lines, boxes + 4 * k)
+                        groups = groups_that_reach(lines, boxes + 4 * k) & alive
                         if groups == 0:
                             continue
                     met = meet_triangle(
@@ -378,11 +380,13 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                 if mode == ANY:
                     ended |= met
                     active &= ~met
+                    alive = groups_of(active)
                 elif mode == SHADE and met != 0:
                     material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
                     dark = _dim(packet, met, material)
                     ended |= dark
                     active &= ~dark
+                    alive = groups_of(active)
             if changed != 0:
                 if active == 0:
                     return ended

@@ -272,12 +272,12 @@ def _render_wave(
     """
     per_pixel = end - first
     n = n_pixels * per_pixel
-    for k in range(n):
-        store(scratch.radiance + 8 * k, 0.0)
-        store(scratch.radiance + 8 * (WAVE + k), 0.0)
-        store(scratch.radiance + 8 * (2 * WAVE + k), 0.0)
     seen = whole = _see_wave(view, ambient, scratch, pixels, 0, n_pixels)
     mirrored = look_in_mirror(view, ambient, scratch, whole)
+    if not whole.plain:  # what is plain is written, not added
+        for channel in range(3):
+            for k in range(0, 8 * n, STEP):
+                store(scratch.radiance + 8 * WAVE * channel + k, splat(VECTOR, 0.0))
     divided = whole.divided and mirrored.face < 0
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there

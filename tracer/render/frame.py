@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.film.develop import develop
-from tracer.film.tile import Rect, blocks_of_rect
+from tracer.film.develop import develop_blocks
+from tracer.film.tile import Rect, blocks_of_rect, grid_of_blocks
 from tracer.render.backend import Backend, Canceled, get_backend
 from tracer.render.cache import compile_cached
 from tracer.render.compile import CompileStats, compile_scene
@@ -27,8 +27,7 @@ from tracer.types import (
     CompiledScene,
 )
 
-_CHUNK_BLOCKS: Final = 64  # blocks of one call at most: enough to forget the call's cost
-_SHARES: Final = 4  # calls of a thread at least, to share out evenly
+_CHUNK_BLOCKS: Final = 64  # blocks of one call, rounded to whole rows: enough to forget the call's cost
 
 
 class Progress(NamedTuple):
@@ -81,13 +80,13 @@ def render_compiled(
     """Render all of a compiled scene; parameters as for :func:`render_scene`."""
     backend = backend or get_backend()
     flag = np.zeros(1, np.int64) if cancel is None else cancel
-    blocks = list_blocks(compiled)
     x0, y0, width, height = window_of(compiled)
+    n_rows, n_columns = grid_of_blocks(Rect(x0, y0, width, height))
     n_samples = int(compiled.settings[SETTING_SAMPLES])
     pixels = np.empty((height, width, 3), np.float32)
     counters = np.zeros(len(COUNTERS), np.int64)
     rays = [i for i, name in enumerate(COUNTERS) if name.endswith("_rays")]
-    step = min(_CHUNK_BLOCKS, -(-len(blocks) // (_SHARES * max(threads, 1))))
+    step = max(1, _CHUNK_BLOCKS // n_columns)  # rows of blocks
     lock = threading.Lock()
     kernel_s = 0.0
     done = 0
@@ -95,22 +94,21 @@ def render_compiled(
 
     def render_chunk(first: int) -> None:
         nonlocal kernel_s, done
-        chunk = blocks[first : first + step]
+        top, bottom = (max(y0, BLOCK_PX * row) for row in (first, first + step))
+        rect = Rect(x0, top, width, min(bottom, y0 + height) - top)
+        chunk = blocks_of_rect(rect)
         began = time.thread_time()
         film = backend.render(compiled, chunk, (0, n_samples), flag)
         spent = time.thread_time() - began
-        for (bx, by), block in zip(chunk.tolist(), develop(film.sums, n_samples), strict=True):
-            left, top = bx * BLOCK_PX - x0, by * BLOCK_PX - y0
-            inside = pixels[max(top, 0) : top + BLOCK_PX, max(left, 0) : left + BLOCK_PX]
-            inside[:] = block[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+        pixels[top - y0 : top - y0 + rect.height] = develop_blocks(rect, film.sums, n_samples)
         with lock:
             counters[:] += film.counters
             kernel_s += spent
             done += len(chunk)
             if progress is not None:
-                progress(Progress(done, len(blocks), int(counters[rays].sum()), time.perf_counter() - start))
+                progress(Progress(done, n_rows * n_columns, int(counters[rays].sum()), time.perf_counter() - start))
 
-    firsts = range(0, len(blocks), step)
+    firsts = range(y0 // BLOCK_PX, y0 // BLOCK_PX + n_rows, step)
     if threads <= 1:
         for first in firsts:
             render_chunk(first)
