@@ -29,7 +29,7 @@ from tracer.geometry.vector import add, at, cross, dot, is_black, multiply, nega
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
-from tracer.rays.packet import CLOSEST, NONE, SOLE, trace_packet
+from tracer.rays.packet import CLOSEST, ENDING, NONE, PARALLEL, PENCIL, SOLE, trace_packet
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -42,6 +42,7 @@ from tracer.rays.rows import (
     T_BEST,
     VECTOR,
     WEIGHT_1,
+    WEIGHT_2,
     mask_of,
     shear_lanes,
 )
@@ -68,6 +69,7 @@ from tracer.types import (
     FACE_HAS_COLORS,
     FLAG_TEXTURE,
     LIGHT_DIFFUSE,
+    LIGHT_KIND_DIRECTIONAL,
     LIGHT_SPECULAR,
     MATERIAL_KD,
     MATERIAL_KR,
@@ -93,7 +95,6 @@ _MOST_LIGHTS: Final = 62  # sets of lights are int64
 _WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
 _AWAY: Final = 2.0**-30  # of cosines: no rounding changes the sign
 _SAME: Final = 2.0**-50  # of a unit normal's components: one plane
-_CLEAR: Final = 2.0**-20  # share of its way that a shadow ray has gone when it meets what darkens it, and has left
 
 
 class Seen(NamedTuple):
@@ -182,29 +183,6 @@ def _is_mirror(view: SceneView, face: int) -> bool:
 
 
 @inline
-def _all_dark(view: SceneView, scratch: Scratch, blocker: int) -> bool:
-    """Tell whether four shadow rays, and so all between them, meet an opaque triangle well on their way."""
-    if not is_black(at(view.materials, N_MATERIAL * int64(view.face_material[blocker]) + MATERIAL_KT)):
-        return False
-    shadows = scratch.shadows
-    end = load(VECTOR, shadows + T_BEST)
-    store(shadows + PRIMITIVE, splat(INTEGERS, _int64(-1)))
-    trace_packet(scratch.trees, shadows, _int64(NIBBLE), int64(CLOSEST), int64(0), int64(0), int64(0))
-    t = load(VECTOR, shadows + T_BEST)
-    store(shadows + T_BEST, end)
-    if not all_lanes(load(INTEGERS, shadows + PRIMITIVE) == splat(INTEGERS, blocker)):
-        return False
-    if load(_float64, shadows + T_BEST) == _INF:  # t counts world units: as a share of the scene's size
-        extent = max(
-            view.bvh_root[3] - view.bvh_root[0],
-            view.bvh_root[4] - view.bvh_root[1],
-            view.bvh_root[5] - view.bvh_root[2],
-        )
-        return bool(all_lanes(t > splat(VECTOR, _CLEAR * extent)))
-    return bool(all_lanes((t > splat(VECTOR, _CLEAR)) & (t < splat(VECTOR, 1.0 - _CLEAR))))
-
-
-@inline
 def _faces_away(view: SceneView, scratch: Scratch, light: int) -> bool:
     """Tell whether a light certainly is behind all between the corners' hits."""
     hits = scratch.hits
@@ -234,15 +212,22 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
         return 1
     if not _goes_one_way(scratch.shadows):
         return 0
-    blocker = trace_packet(scratch.trees, scratch.shadows, corners, int64(SOLE), int64(0), int64(0), int64(0))
+    directional = view.light_kind[light] == LIGHT_KIND_DIRECTIONAL
+    mode = int64(SOLE + PARALLEL) if directional else int64(SOLE + ENDING)
+    blocker = trace_packet(
+        scratch.trees, scratch.shadows, corners, mode, scratch.kt, scratch.face_material, int64(8 * N_MATERIAL)
+    )
     if blocker == NONE:
         return 1
-    return -1 if blocker >= 0 and _all_dark(view, scratch, blocker) else 0
+    return -1 if blocker >= 0 else 0
 
 
 @kernel
-def _look(view: SceneView, ambient: Vec3, scratch: Scratch) -> Seen:
-    """Find out what all rays between four see: ORIGIN, DIRECTION, SKIP of ``scratch.hits`` are set."""
+def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any) -> Seen:
+    """Find out what all rays between four see.
+
+    ORIGIN, DIRECTION (unit), SKIP of ``scratch.hits`` are set; their lines meet ``before`` the origins.
+    """
     stand_alone()
     hits = scratch.hits
     d = vector_at(hits + DIRECTION)
@@ -258,7 +243,8 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch) -> Seen:
         return nothing_seen(_some_agree(hits))
     fill_surfaces(view, ambient, hits, corners)
     # the rays end now at their hits: what is behind these does not count
-    if trace_packet(scratch.trees, hits, corners, int64(SOLE), int64(0), int64(0), int64(0)) != face:
+    store(hits + WEIGHT_2, before)
+    if trace_packet(scratch.trees, hits, corners, int64(SOLE + PENCIL), int64(0), int64(0), int64(0)) != face:
         return nothing_seen(True)
     place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
     word = load(_int64, hits + WEIGHT_1 + 16)
@@ -319,7 +305,7 @@ def look_at_corners(
     width, height = settings[SETTING_WIDTH], settings[SETTING_HEIGHT]
     fill_camera_rays(view.camera, settings[SETTING_CAMERA], width, height, int64(4), x, hits + ORIGIN, hits + DIRECTION)
     store(hits + SKIP, splat(INTEGERS, _int64(-1)))
-    return _look(view, ambient, scratch)
+    return _look(view, ambient, scratch, splat(VECTOR, 0.0))
 
 
 @kernel
@@ -352,4 +338,4 @@ def look_in_mirror(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen)
     put_vector(hits + ORIGIN, mask_of(_int64(NIBBLE), 0), origin)
     put_vector(hits + DIRECTION, mask_of(_int64(NIBBLE), 0), mirrored)
     store(hits + SKIP, load(INTEGERS, hits + START))
-    return _look(view, ambient, scratch)
+    return _look(view, ambient, scratch, load(VECTOR, hits + T_BEST))

@@ -146,9 +146,9 @@ def shade_plain(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen, pl
         bx, by = pbx - shear_x * pbz, pby - shear_y * pbz
         cx, cy = pcx - shear_x * pcz, pcy - shear_y * pcz
         u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
-        inverse = one / ((u + v) + w)
-        b1 = (u if second == 0 else (v if second == 1 else w)) * inverse
-        b2 = (u if third == 0 else (v if third == 1 else w)) * inverse
+        total = (u + v) + w
+        b1 = (u if second == 0 else (v if second == 1 else w)) / total
+        b2 = (u if third == 0 else (v if third == 1 else w)) / total
         b0 = (one - b1) - b2
         position = blend(p0, p1, p2, b0, b1, b2)
         shading = level

@@ -28,6 +28,7 @@ from tracer.accel.layout import (
     UNIT,
 )
 from tracer.jit import inline, kernel
+from tracer.rays import packet_corners
 from tracer.rays.beam import (
     BEAM_CENTRE,
     BEAM_FIRST,
@@ -59,6 +60,7 @@ from tracer.rays.beam import (
     survey,
     survey_pencil,
 )
+from tracer.rays.packet_corners import ACROSS, APART, judge_triangle
 from tracer.rays.packet_cut import cut_leaf
 from tracer.rays.packet_leaf import coordinate, meet_triangle, meet_within
 from tracer.rays.rows import (
@@ -105,14 +107,18 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1  # which rays meet anything
 SHADE: Final = 2  # light is multiplied by what each surface lets through
-SOLE: Final = 3  # is there but one triangle in the beam, and passes all of the beam within its edges?
+SOLE: Final = 3  # what do all rays between four meet? PENCIL, ENDING or PARALLEL is added
 # Added to a mode: what is known of the rays.
 FROM_POINT: Final = 16  # one origin, and no end
 TO_POINT: Final = 32  # what they end in is one point
+PENCIL: Final = packet_corners.PENCIL << 6  # for SOLE: what beam the four rays 0 to 3 are the corners of
+ENDING: Final = packet_corners.ENDING << 6
+PARALLEL: Final = packet_corners.PARALLEL << 6
 NONE: Final = -1  # answers of SOLE: no triangle
 SEVERAL: Final = -2  # more than one, or one at the edge
 
 _MODES: Final = 15
+_KIND_BITS: Final = 6
 _TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _INF: Final = float("inf")
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
@@ -163,6 +169,13 @@ def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
 
 
 @inline
+def _lets_nothing_through(material: int) -> bool:
+    """Tell whether kt, at an address, is black."""
+    red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
+    return bool(red <= 0.0 and green <= 0.0 and blue <= 0.0)
+
+
+@inline
 def _coincide(place: int, row: int, packet: int, size: int) -> bool:
     """Tell whether a triangle has the vertices of the one that SOLE has found: then the lower id counts."""
     other, other_row = load(_int64, packet + WEIGHT_1), load(_int64, packet + WEIGHT_1 + 8)
@@ -188,18 +201,19 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     mode
         One of the following, plus FROM_POINT or TO_POINT where it is true of all active rays. CLOSEST: T_BEST,
         PRIMITIVE and the weights of the nearest hits are written. ANY: nothing is. SHADE: LIGHT is multiplied by kt of
-        every triangle that is met within the ray's end. SOLE: what holds for any ray between the packet's, not for
-        these alone; for a triangle WEIGHT_1 holds (int64) its address in its leaf, the bytes of a row of that leaf, and
-        the triangle's word there.
+        every triangle that is met within the ray's end. SOLE: what holds for any ray between
+        rays 0 to 3, the corners of a PENCIL, or of shadow rays ENDING in a point or PARALLEL; for a pencil WEIGHT_1
+        holds (int64) the triangle's address in its leaf, the bytes of a row of that leaf, and its word there.
     kt, face_material, stride
-        For SHADE: address of the first material's kt, of the faces' materials (int32), and bytes from material to
-        material.
+        For SHADE and shadow rays of SOLE: address of the first material's kt, of the faces' materials (int32), and
+        bytes from material to material.
 
     Returns
     -------
     int64
-        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE a triangle's id,
-        `NONE` or `SEVERAL`.
+        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE the id of
+        the one triangle that all of a pencil meet, or of an opaque one that all shadow rays meet; `NONE`: nobody meets
+        anything; `SEVERAL`: it is not that simple.
     """
     stand_alone()
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
@@ -226,6 +240,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
         surveyed = survey_pencil(packet, active, axes, frame, breadth, beam, True)
     if not surveyed:
         survey(packet, active, axes, frame, breadth, beam)
+    kind = mode >> _KIND_BITS
     mode &= _MODES
     believed = _int64(-1 if scale < _TINIEST else 0)  # where weights may underflow, no triangle is met for certain
     # what float64 does not resolve of coordinates so far out, in frame units
@@ -344,7 +359,19 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     continue
                 if mode == SOLE:
                     place = leaf + k * size
-                    if (inside >> k) & 1 == 0 or (ended != NONE and not _coincide(place, row, packet, size)):
+                    verdict = judge_triangle(place, size, row, packet, axes, kind)
+                    if verdict == APART:
+                        continue
+                    if kind != packet_corners.PENCIL:  # what darkens all needs not be alone
+                        material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
+                        if verdict == ACROSS and _lets_nothing_through(material):
+                            return face >> ORDER_BITS
+                        ended = _int64(SEVERAL)
+                        tries += 1
+                        if tries > _TRIES:
+                            return ended
+                        continue
+                    if verdict != ACROSS or (ended != NONE and not _coincide(place, row, packet, size)):
                         return _int64(SEVERAL)
                     if ended == NONE or face >> ORDER_BITS < ended:
                         ended = face >> ORDER_BITS

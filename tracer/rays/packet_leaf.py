@@ -136,7 +136,7 @@ def _relative(c: Any, ray: int, axes: Any) -> Any:
 
 
 @inline
-def _sheared(c: Any, ray: int, axes: Any, one_origin: bool) -> Any:
+def sheared(c: Any, ray: int, axes: Any, one_origin: bool) -> Any:
     """Sheared coordinates of a triangle for four rays (:mod:`tracer.rays.predicate`): x, y, z of each vertex.
 
     ``c`` is relative to the origin already where that is ``one_origin`` for all.
@@ -175,9 +175,8 @@ def _keep(ray: int, mask: Any, word: int, t: Any, u: Any, v: Any, w: Any) -> Non
     weight_1 = u if second == 0 else (v if second == 1 else w)
     weight_2 = u if third == 0 else (v if third == 1 else w)
     put(ray + T_BEST, mask, t)
-    inverse = splat(VECTOR, 1.0) / total
-    put(ray + WEIGHT_1, mask, weight_1 * inverse)
-    put(ray + WEIGHT_2, mask, weight_2 * inverse)
+    put(ray + WEIGHT_1, mask, weight_1 / total)
+    put(ray + WEIGHT_2, mask, weight_2 / total)
     put_integers(ray + PRIMITIVE, mask, splat(INTEGERS, word >> ORDER_BITS))
 
 
@@ -197,7 +196,7 @@ def meet_within(
         if lanes == 0:
             continue
         ray = packet + STEP * i
-        ax, ay, az, bx, by, bz, cx, cy, cz = _sheared(c, ray, axes, one_origin)
+        ax, ay, az, bx, by, bz, cx, cy, cz = sheared(c, ray, axes, one_origin)
         shear_z = load(VECTOR, ray + SHEAR + 2 * ROW)
         ta, tb, tc = shear_z * az, shear_z * bz, shear_z * cz
         least = minimum(ta, minimum(tb, tc))
@@ -295,7 +294,7 @@ def meet_triangle(
         if lanes == 0:
             continue
         ray = packet + STEP * i
-        ax, ay, az, bx, by, bz, cx, cy, cz = _sheared(c, ray, axes, one_origin)
+        ax, ay, az, bx, by, bz, cx, cy, cz = sheared(c, ray, axes, one_origin)
         u = cx * by - cy * bx
         v = ax * cy - ay * cx
         w = bx * ay - by * ax

@@ -1,0 +1,110 @@
+"""What all rays between four do with a triangle, told by the four: the corners of a beam.
+
+For lines through one point the edge functions of a triangle, and its plane's inverse distance counted from that point,
+are linear functions of the direction (before it is made unit); for parallel lines from a plane they and the distance
+are linear in the origin. So what holds for the four corners of a beam, with room for rounding, holds for all between.
+A beam's bounding lines (:mod:`tracer.rays.packet_cut`) are coarse beside that: a floor goes on behind a block, and its
+outline surrounds the beam; a wall goes on beside the place that a ray leaves.
+
+Invariant: a thing is said only where it holds by more than rounding can amount to. With Q the largest difference of
+coordinates, a sheared one is off by less than 4 eps Q, an edge function by 20 eps Q**2, eps = 2**-53; the predicate's
+own bound (:data:`tracer.rays.predicate.CERTAIN`) is less.
+"""
+
+from typing import Any, Final
+
+from tracer.jit import inline, kernel
+from tracer.rays.packet_leaf import sheared, stack_of_nine
+from tracer.rays.predicate import TINY
+from tracer.rays.rows import ROW, SHEAR, T_BEST, VECTOR, WEIGHT_2
+from tracer.simd import absolute, all_lanes, load, maximum, select, splat, stand_alone
+from tracer.simd.gateway import types
+
+_int64: Final = types.int64
+
+PENCIL: Final = (
+    1  # kinds of beams: lines through one point, WEIGHT_2 before the origins; T_BEST is where they end, on one plane
+)
+ENDING: Final = 2  # from a plane to one point, t = 1
+PARALLEL: Final = 3  # from a plane, endless
+APART: Final = 0  # answers: no ray meets it on its way
+ACROSS: Final = 1  # all rays pass within its edges and, but for a pencil, on their way
+UNSURE: Final = 2
+_EDGE: Final = 2.0**-46  # of Q**2: what an edge function is off, and room
+_CLEAR: Final = 2.0**-30  # of the way, besides
+
+
+@inline
+def _signs(value: Any, off: Any) -> Any:
+    """Return (whether four edge functions are negative for certain, whether positive)."""
+    return all_lanes(value < -off), all_lanes(value > off)
+
+
+@kernel
+def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind: int) -> Any:
+    """Tell what all rays between four do with a triangle.
+
+    Parameters
+    ----------
+    place, size, row
+        The triangle, as for :func:`tracer.rays.packet_leaf.meet_triangle`.
+    packet
+        Address of the rays, lanes 0 to 3.
+    axes
+        (kx, ky, kz).
+    kind
+        Of the beam.
+
+    Returns
+    -------
+    int64
+        `APART`, `ACROSS` or `UNSURE`.
+    """
+    stand_alone()
+    c = stack_of_nine(place, size, row, axes[0], axes[1], axes[2])
+    ax, ay, az, bx, by, bz, cx, cy, cz = sheared(c, packet, axes, False)
+    shear_z = load(VECTOR, packet + SHEAR + 2 * ROW)
+    ta, tb, tc = shear_z * az, shear_z * bz, shear_z * cz
+    u, v, w = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
+    q = maximum(maximum(absolute(az), absolute(bz)), absolute(cz))
+    q = maximum(q, maximum(maximum(absolute(ax), absolute(bx)), absolute(cx)))
+    q = maximum(q, maximum(maximum(absolute(ay), absolute(by)), absolute(cy)))
+    edge = q * q * splat(VECTOR, _EDGE) + splat(VECTOR, TINY)
+    u_down, u_up = _signs(u, edge)
+    v_down, v_up = _signs(v, edge)
+    w_down, w_up = _signs(w, edge)
+    if (u_down or v_down or w_down) and (u_up or v_up or w_up):
+        return _int64(APART)
+    within = (u_down and v_down and w_down) or (u_up and v_up and w_up)
+    total = (u + v) + w
+    weighted = (u * ta + v * tb) + w * tc  # t times the total
+    total_off = edge * splat(VECTOR, 4.0)
+    weighted_off = edge * splat(VECTOR, 8.0) * maximum(maximum(absolute(ta), absolute(tb)), absolute(tc))
+    clear = splat(VECTOR, _CLEAR)
+    zero = splat(VECTOR, 0.0)
+    negative = total < zero
+    total, weighted = absolute(total), select(negative, -weighted, weighted)
+    if kind == PENCIL:
+        before = load(VECTOR, packet + WEIGHT_2)
+        end = load(VECTOR, packet + T_BEST) + before
+        weighted_off = weighted_off + before * total_off
+        weighted = weighted + before * total
+        size_of = absolute(weighted)
+        over = weighted - total * end
+        over = select(weighted < zero, -over, over)  # the plane's inverse distance is less than the end's
+        off = weighted_off + end * total_off + clear * size_of
+        if all_lanes((size_of > weighted_off) & (over > off)):
+            return _int64(APART)
+        return _int64(ACROSS if within else UNSURE)
+    if kind == ENDING:
+        past = weighted - total
+        off = weighted_off + total_off + clear * total
+        if all_lanes((weighted > off) & (past > off)) or all_lanes((weighted < -off) & (past < -off)):
+            return _int64(APART)
+        on_the_way = all_lanes((weighted > off) & (past < -off) & (total > total_off))
+    else:
+        off = weighted_off * splat(VECTOR, 4.0)
+        if all_lanes((total > total_off) & (weighted < -off)):
+            return _int64(APART)
+        on_the_way = all_lanes((total > total_off) & (weighted > off + clear * total * q))
+    return _int64(ACROSS if within and on_the_way else UNSURE)
