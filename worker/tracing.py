@@ -14,6 +14,7 @@ import structlog
 from numpy.typing import NDArray
 
 from tracer.loaders.errors import LoadError
+from tracer.native.entries import current_image
 from tracer.native.warm import warm
 from tracer.render import Canceled, compile_cached, get_backend
 from tracer.render.cache import trim_cache
@@ -60,7 +61,10 @@ class TracerBackend:
             ) from error
         if not stats.from_cache:  # only then has the cache grown
             trim_cache(cache / "scenes", MAX_CACHE_BYTES)
-        return compiled, {**stats._asdict(), "triangles": stats.n_triangles, "bytes": stats.n_bytes}
+        image = current_image()
+        compile_s = None if image is None else image.compile_s
+        figures = {"triangles": stats.n_triangles, "bytes": stats.n_bytes, "kernels_compile_s": compile_s}
+        return compiled, {**stats._asdict(), **figures}
 
     def render(
         self,

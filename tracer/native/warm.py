@@ -31,6 +31,7 @@ class ImageState(NamedTuple):
     key: str
     path: Path
     n_bytes: int  # 0 where there is none that can be used
+    compile_s: float  # seconds that its making took; 0 where there is none
     fault: str  # why it cannot be used; empty where it can, or where there is none
 
 
@@ -39,11 +40,12 @@ def image_state() -> ImageState:
     path = image_path()
     key = path.parent.name
     try:
-        return ImageState(key, path, load_image(path, key).n_bytes, "")
+        image = load_image(path, key)
     except FileNotFoundError:
-        return ImageState(key, path, 0, "")
+        return ImageState(key, path, 0, 0.0, "")
     except (OSError, ImageError) as error:
-        return ImageState(key, path, 0, str(error))
+        return ImageState(key, path, 0, 0.0, str(error))
+    return ImageState(key, path, image.n_bytes, image.compile_s, "")
 
 
 def warm(on_compile: Callable[[], None] | None = None) -> float:
