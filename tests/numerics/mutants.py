@@ -126,7 +126,7 @@ MUTANTS = [
     ),
     Mutant(
         "covered-but-not-certain",  # the predicate would have decided such rays exactly
-        "N2",
+        "tests/numerics/test_packet_cut.py",
         "rays/packet_cut.py",
         "sure = reach * reach * splat(VECTOR, 4.0 * CERTAIN)",
         "sure = reach * splat(VECTOR, 0.0)",
