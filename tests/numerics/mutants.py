@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 REPOSITORY = Path(__file__).parents[2]
-NO_END_S = 900.0  # compiled and run a hundred times over, on an idle core
+NO_END_S = 600.0  # compiled and run several times over
 
 
 class Mutant(NamedTuple):
@@ -35,10 +35,10 @@ class Mutant(NamedTuple):
 
 
 MUTANTS = [
-    Mutant("fastmath", "N1,N3,N7", "jit.py", '"fastmath": False', '"fastmath": True'),
+    Mutant("fastmath", "N3,N7", "jit.py", '"fastmath": False', '"fastmath": True'),
     Mutant(
         "no-exact-sign",  # Woop's watertight test alone: shared edges count twice
-        "N1",
+        "N3",
         "rays/predicate.py",
         "    if low > e or high < -e:\n",
         "    if not (low >= 0.0 or high <= 0.0):\n        return False, 0.0, u, v, w\n    if low == low:\n",
@@ -47,14 +47,14 @@ MUTANTS = [
     Mutant("t-of-slivers", "N3", "rays/predicate.py", "fma(px, qy, -right) + rest", "px * qy - right"),
     Mutant(
         "contracted-shear",
-        "N2,N3",
+        "N3",
         "rays/predicate.py",
         "        (ax - ox) - sx * az,\n",
         "        fma(-sx, az, ax - ox),\n",
     ),
     Mutant(
         "contracted-product",
-        "N2,N3",
+        "N3",
         "rays/predicate.py",
         "    u = cx * by - cy * bx\n",
         "    u = fma(cx, by, -(cy * bx))\n",
@@ -83,7 +83,7 @@ MUTANTS = [
     Mutant("tmin-lost-in-tiles", "N2", "rays/tile_leaf.py", "nearer & (t > t_min)", "nearer & (t > zero)"),
     Mutant("no-pad", "N1,N2,N5", "rays/start.py", "return r, p - pad, p + pad,", "return r, p, p,"),
     Mutant(
-        "near-is-far",
+        "near-is-far",  # an absent child is met by all then, and leads to the root: no end
         "N1",
         "rays/start.py",
         "select(negative, _i64(NODE_HIGH + row), _i64(row))",
@@ -91,21 +91,21 @@ MUTANTS = [
     ),
     Mutant(
         "least-id-lost",
-        "N4,N15",
+        "N4",
         "rays/leaf.py",
         "t < best or (t == best and primitive <",
         "t < best or (False and primitive <",
     ),
     Mutant(
         "least-id-lost-in-packets",
-        "N4,N15",
+        "N4",
         "rays/packet_leaf.py",
         "(t == t_best) & (splat(INTEGERS, primitive) < best)",
         "(t == t_best) & (splat(INTEGERS, primitive) > best)",
     ),
     Mutant(
         "packets-without-slop",
-        "N1,N2,N4,N5",
+        "N2,N4,N5",
         "rays/packet.py",
         "slop = 2.0**-46 * (1.0",
         "slop = 0.0 * (1.0",
