@@ -54,7 +54,7 @@ MUTANTS = [
     ),
     Mutant(
         "contracted-product",
-        "N3",
+        "N2",
         "rays/predicate.py",
         "    u = cx * by - cy * bx\n",
         "    u = fma(cx, by, -(cy * bx))\n",
@@ -161,7 +161,7 @@ MUTANTS = [
     ),
     Mutant(
         "texture-wraps-at-the-wrong-end",
-        "tests/tracer/shading/test_shading_surfaces.py",
+        "tests/numerics/test_texture_lanes.py",
         "shading/texture.py",
         "below, above = (last, zero) if wrap",
         "below, above = (zero, last) if wrap",
