@@ -105,7 +105,7 @@ MUTANTS = [
     ),
     Mutant(
         "packets-without-slop",
-        "N2,N4,N5",
+        "N1",
         "rays/packet.py",
         "slop = 2.0**-46 * (1.0",
         "slop = 0.0 * (1.0",

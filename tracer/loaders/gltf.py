@@ -302,13 +302,10 @@ def _bake(
     n_faces = sum(sizes[mesh] for mesh, _, _ in instances)
     if n_faces > file.limits.faces:
         raise file.error(f"draws {n_faces} triangles, more than the {file.limits.faces} allowed", "simplify it")
-    can_stay = [all(may_place(world, part["vertices"]) for part in decoded[mesh]) for mesh, _, world in instances]
-    n_uses = Counter(mesh for (mesh, _, _), stays in zip(instances, can_stay, strict=True) if stays)
-    shared = [
-        mesh
-        for mesh, n in n_uses.items()
-        if sizes[mesh] >= limits.SHARED_FACES and (n - 1) * sizes[mesh] >= limits.SAVED_FACES
-    ]
+    often = _worth_sharing(sizes, [mesh for mesh, _, _ in instances])
+    reach = {mesh: max(float(np.abs(part["vertices"]).max(initial=0.0)) for part in decoded[mesh]) for mesh in often}
+    can_stay = [mesh in often and may_place(world, reach[mesh]) for mesh, _, world in instances]
+    shared = _worth_sharing(sizes, [mesh for (mesh, _, _), stays in zip(instances, can_stay, strict=True) if stays])
     parts: list[MeshPart] = []
     groups: list[MeshGroup] = []
     kept: list[tuple[int, tuple[int, int], Rows]] = []  # mesh, groups, matrix
@@ -331,6 +328,15 @@ def _bake(
         stored[mesh] = first, len(parts)
     uses = [PartUse(stored[mesh], some, rows) for mesh, some, rows in kept]
     return join_parts(file, parts, groups, materials.materials, materials.images, uses)
+
+
+def _worth_sharing(sizes: list[int], uses: list[int]) -> list[int]:
+    """Return the meshes that are large enough, and used often enough, to be stored once."""
+    return [
+        mesh
+        for mesh, n in Counter(uses).items()
+        if sizes[mesh] >= limits.SHARED_FACES and (n - 1) * sizes[mesh] >= limits.SAVED_FACES
+    ]
 
 
 def _part(tree: Tree, kwargs: Tree, primitive: Tree, world: NDArray[np.float64] | None, group: int) -> MeshPart:

@@ -48,8 +48,8 @@ def rows_of(matrix: NDArray[np.float64]) -> Rows:
     return a, b, c, d
 
 
-def may_place(matrix: NDArray[np.float64], positions: NDArray[Any]) -> bool:
-    """Whether a use may be kept apart: all of it in range, and its matrix M far from singular.
+def may_place(matrix: NDArray[np.float64], reach: float) -> bool:
+    """Whether a use of a mesh with coordinates up to ``reach`` may be kept apart: all in range, M far from singular.
 
     An entry of M^-1 is at most 2 m^2 / abs(det M), with m the largest of M's, so 6 norm^3 / abs(det M) bounds the row
     sums of abs(M) abs(M^-1), which magnify a rounding error on the way there and back.
@@ -57,12 +57,12 @@ def may_place(matrix: NDArray[np.float64], positions: NDArray[Any]) -> bool:
     linear = matrix[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         norm = float(np.abs(linear).sum(axis=1).max())
-        if not 0.0 < norm < MAX_COORDINATE or len(positions) == 0:
+        if not 0.0 < norm < MAX_COORDINATE:
             return False
         scaled = linear / norm
         determinant = abs(float((scaled[0] * _cofactors(scaled)[0]).sum()))
-        reach = norm * float(np.abs(positions).max()) + float(np.abs(matrix[:3, 3]).max())
-    return determinant * _MOST_SKEW > 6.0 and reach <= MAX_COORDINATE
+        farthest = norm * reach + float(np.abs(matrix[:3, 3]).max())
+    return determinant * _MOST_SKEW > 6.0 and farthest <= MAX_COORDINATE
 
 
 def separate(data: MeshData) -> list[tuple[MeshData, Rows | None]]:

@@ -150,11 +150,10 @@ def test_flat_mirrored_and_distant_uses_are_baked_where_they_must_be(tmp_path, s
     mesh = load(tmp_path, model)
     assert len(mesh.uses) == 3
     assert mesh.uses[0].faces[0] > 160
-    points = np.array([[1.0, 2.0, 3.0]])
-    assert may_place(np.diag([1e20, -1e20, 1e20, 1.0]), points)
-    assert not may_place(np.diag([1e30, 1e30, 1e30, 1.0]), points)
-    assert not may_place(np.diag([1.0, 0.0, 1.0, 1.0]), points)
-    assert not may_place(np.eye(4), points[:0])
+    assert may_place(np.diag([1e20, -1e20, 1e20, 1.0]), 3.0)
+    assert not may_place(np.diag([9e29, 9e29, 9e29, 1.0]), 3.0)
+    assert not may_place(np.diag([1.0, 0.0, 1.0, 1.0]), 3.0)
+    assert not may_place(np.eye(4), np.nan)
 
 
 def test_uses_of_a_file_are_placed(tmp_path, small, monkeypatch):
