@@ -150,7 +150,7 @@ def warm(quiet: options.Quiet = False) -> None:
     terminal = Terminal(quiet=quiet)
     seconds = warm_kernels(lambda: terminal.note(COMPILING))
     cache = kernel_cache()
-    compiled = f"; compiled in {format_duration(cache.compile_s)}" if cache.image_bytes else ""
+    compiled = f"; compiled in {format_duration(cache.compile_s)}" if cache.compile_s else ""
     terminal.note(f"kernels are ready ({format_duration(seconds)}){compiled}")
 
 

@@ -139,7 +139,8 @@ def _cache() -> Iterator[Finding]:
 
     cache = kernel_cache()
     if cache.image_bytes:
-        text = f"image {cache.key} of {format_bytes(cache.image_bytes)}, compiled in {format_duration(cache.compile_s)}"
+        text = f"image {cache.key} of {format_bytes(cache.image_bytes)}"
+        text += f", compiled in {format_duration(cache.compile_s)}" if cache.compile_s else ""
         yield Finding("ok", "kernel cache", f"{text}: nothing has to be compiled; in {cache.folder}")
     elif cache.fault:
         yield Finding("note", "kernel cache", f"{cache.fault}; `smalti warm` makes it anew")

@@ -37,7 +37,7 @@ class KernelCache:
     image_bytes : int
         Size of the image that processes map; 0 where there is none.
     compile_s : float
-        Seconds that its compilation took.
+        Seconds that its compilation took; 0 where that is not known.
     fault : str
         Why the image that is there cannot be used; usually empty.
     files, size : int

@@ -24,7 +24,8 @@ from tracer.rays.stream import trace_stream
 from tracer.types import MAP_ORIGIN, MAP_TO_OBJECT
 
 BRUTE = 200  # rays a batch that every face is tested against
-TOGETHER = 4  # rays a batch that 63 others go along with
+TOGETHER = 4  # rays a batch that 63 others go along with, some of them a little beside
+NARROW = 12  # rays a batch that 63 others go along with all the way
 BEAMS = 24  # a batch
 PATHS = {
     "stream": (trace_stream, ()),
@@ -44,14 +45,19 @@ def fan_out(origins, directions):
 
 
 def bundles(origins, directions, rng):
-    """64 rays for each of a few, from none to many roundings beside it; and 64 that are all as far beside it."""
-    origins, directions = np.repeat(origins[:TOGETHER], 64, 0), np.repeat(directions[:TOGETHER], 64, 0)
-    beside = rng.choice([0.0, 1.0, -1.0], directions.shape) * 2.0 ** rng.choice([-52, -50, -44, -20], directions.shape)
-    n = len(directions) // 64
-    shift = np.repeat(rng.choice([1.0, -1.0], (n, 3)) * 2.0 ** rng.uniform(-48, -20, (n, 3)), 64, 0)
-    rounding = rng.choice([0.0, 2.0**-52, -(2.0**-52)], directions.shape)
-    shifted = directions * (1.0 + shift) * (1.0 + rounding)
-    return np.concatenate([origins, origins]), np.concatenate([directions * (1.0 + beside), shifted])
+    """64 rays for each of a few: from none to many roundings beside it, no more than one, or all of them as far beside."""
+    origins, directions = np.repeat(origins[:NARROW], 64, 0), np.repeat(directions[:NARROW], 64, 0)
+    n = 64 * TOGETHER
+    beside = rng.choice([0.0, 1.0, -1.0], directions[:n].shape)
+    beside *= 2.0 ** rng.choice([-52, -50, -44, -20], beside.shape)
+    narrow = directions * (1.0 + rng.choice([0.0, 2.0**-52, -(2.0**-52)], directions.shape))
+    shift = rng.choice([1.0, -1.0], (len(directions) // 64, 3)) * 2.0 ** rng.uniform(
+        -48, -20, (len(directions) // 64, 3)
+    )
+    shifted = narrow[:n] * (1.0 + np.repeat(shift, 64, 0)[:n])
+    return np.concatenate([origins[:n], origins, origins[:n]]), np.concatenate(
+        [directions[:n] * (1.0 + beside), narrow, shifted]
+    )
 
 
 def answers(path, caster, rays, *more):

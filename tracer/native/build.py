@@ -15,7 +15,6 @@ it are written here, over ``malloc`` and ``free``.
 """
 
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -238,7 +237,7 @@ def _for_linking() -> Iterator[None]:
             setattr(owner, name, old)
 
 
-def write_image(path: Path, compiled: list[Any], start: float) -> int:
+def write_image(path: Path, compiled: list[Any]) -> int:
     """Link compiled entries and write the image.
 
     Parameters
@@ -247,8 +246,6 @@ def write_image(path: Path, compiled: list[Any], start: float) -> int:
         Its name, in the folder of the kernels' key.
     compiled
         What :func:`compile_entries` returned.
-    start
-        Reading of ``time.perf_counter`` when their compilation began; the image tells how long it took.
 
     Returns
     -------
@@ -272,11 +269,10 @@ def write_image(path: Path, compiled: list[Any], start: float) -> int:
         index[name] = {"arguments": kinds, "results": n_results}
     linked = _link(module, compiled, {door_name(name) for name in ENTRIES})
     code = link(_target_machine(context.codegen()).emit_object(linked))
-    return save_image(path, path.parent.name, code, index, time.perf_counter() - start)
+    return save_image(path, path.parent.name, code, index)
 
 
 if __name__ == "__main__":
-    began = time.perf_counter()
     with _for_linking():
         entries = compile_entries()
-    write_image(Path(sys.argv[1]), entries, began)
+    write_image(Path(sys.argv[1]), entries)

@@ -97,7 +97,6 @@ class Image(NamedTuple):
 
     path: Path
     n_bytes: int
-    compile_s: float  # seconds that its making took, wherever that was
     doors: dict[str, Door]
 
 
@@ -106,9 +105,7 @@ def door_name(name: str) -> str:
     return f"smalti_{name.replace('.', '_')}"
 
 
-def save_image(
-    path: Path, key: str, linked: Linked, entries: Mapping[str, Mapping[str, Any]], compile_s: float = 0.0
-) -> int:
+def save_image(path: Path, key: str, linked: Linked, entries: Mapping[str, Mapping[str, Any]]) -> int:
     """Write an image under its name, whole.
 
     Parameters
@@ -121,8 +118,6 @@ def save_image(
         The code.
     entries
         Of each entry: "arguments" and "results".
-    compile_s
-        Seconds that it took to compile them, for who asks.
 
     Returns
     -------
@@ -131,7 +126,6 @@ def save_image(
     """
     index = {
         "key": key,
-        "compile_s": compile_s,
         "entries": {name: {**one, "offset": linked.exports[door_name(name)]} for name, one in entries.items()},
         "constant": linked.n_constant,
         "imports": linked.imports,
@@ -216,7 +210,7 @@ def load_image(path: Path, key: str) -> Image:
         kinds = [_parsed(kind) for kind in one["arguments"]]
         n_words = max(_count_words(kinds), one["results"], 1)
         doors[name] = Door(prototype(base + one["offset"]), kinds, one["results"], n_words, memory)
-    return Image(path, len(data), float(index["compile_s"]), doors)
+    return Image(path, len(data), doors)
 
 
 def _parsed(kind: Any) -> Any:

@@ -38,12 +38,6 @@ def make_image(path, text, arguments=("i", "i"), results=1):
     return path
 
 
-def test_an_image_tells_how_long_its_compilation_took(tmp_path):
-    code = link(compile_object(ADD))
-    save_image(tmp_path / "image", KEY, code, {KERNEL: {"arguments": ["i", "i"], "results": 1}}, 58.25)
-    assert load_image(tmp_path / "image", KEY).compile_s == 58.25
-
-
 def load_kernel(path):
     return load_image(path, KEY).doors[KERNEL]
 
