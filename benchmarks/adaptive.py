@@ -43,11 +43,11 @@ REFERENCE_SAMPLES = 1024
 REFERENCE_SEEDS = (987654321, 987654322)
 ONE = THRESHOLDS[0]  # which the summary is about
 VERDICT = (
-    "**It pays where few blocks hold an edge, which is where pictures are large; and the more, the more samples are",
-    "asked for.** The contrast of neighbouring pixels is as good a guide as the two halves' difference, and close to",
-    "the oracle's. A block that is finished costs more than others, for of those without an edge four corner rays",
-    "speak already. What the figures do not show: what the first samples of all of a block's pixels miss stays missed, so a",
-    "share of the blocks would have to be finished without being asked about.",
+    "**It pays where few blocks hold an edge, which is where pictures are large; and the more, the more samples",
+    "are asked for.** The contrast of neighbouring pixels is as good a guide as the two halves' difference, and",
+    "close to the oracle's. A block that is finished costs more than others, for of those without an edge four",
+    "corner rays speak already. What the figures do not show: what the first samples of all of a block's pixels",
+    "miss stays missed, so a share of the blocks would have to be finished without being asked about.",
 )
 RESULTS = REPOSITORY / "benchmarks" / "results"
 Blocks = NDArray[np.float64]  # (n, 16, 16, 3) means
