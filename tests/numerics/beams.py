@@ -3,7 +3,8 @@
 A beam is spanned by four corner rays: from one origin through a parallelogram, or from a parallelogram to one point.
 Rays between are drawn among those through the parallelogram, its rim and corners included. Of a beam that holds one
 triangle none may meet another one, and each passes within that one's edges; of an empty beam none may meet anything.
-Where the corner rays first meet one triangle and end there, as the integrator asks, all between first meet it, too.
+Where the corner rays first meet one triangle and end there, as the integrator asks, all between first meet it, too; of
+rays that end at a point (a lamp), where they meet it well on their way, for at the end the last bit of t decides.
 """
 
 from typing import NamedTuple
@@ -23,6 +24,7 @@ _float64 = types.float64
 BETWEEN = 16  # rays that each beam is held against
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 _CERTAIN_AXIS = 1.0 - 2.0**-30
+_CLEAR = 2.0**-20  # as tracer.integrators.corners asks
 
 
 class Beams(NamedTuple):
@@ -98,6 +100,8 @@ def wrong_answers(tree, vertices, faces, beams):
         for k in range(n):
             hit, sole = answers[k]
             if sole < NONE or (until_hit and (hit < 0 or sole != hit)):
+                continue
+            if until_hit and np.isfinite(beams.ends[k]) and not _CLEAR < times[k].min() <= times[k].max() < 1 - _CLEAR:
                 continue
             told += 1
             o, d = beams.origins[k], beams.directions[k]
