@@ -55,8 +55,9 @@ def render(
     from client.formats import format_count, format_duration
     from client.local import render_to_files, warm_kernels
 
-    warm_kernels(lambda: terminal.note(COMPILING))
+    warming = warm_kernels(lambda: terminal.note(COMPILING))
     outcome = render_to_files(prepared, targets, png_color_space=str(png), threads=threads, quiet=terminal.quiet)
+    outcome["seconds"]["kernels"] = warming
     if as_json:
         terminal.json(outcome)
         return
@@ -144,11 +145,13 @@ def worker(
 def warm(quiet: options.Quiet = False) -> None:
     """Compile the kernels into the cache ahead of use."""
     from client.formats import format_duration
-    from client.local import warm_kernels
+    from client.local import kernel_cache, warm_kernels
 
     terminal = Terminal(quiet=quiet)
     seconds = warm_kernels(lambda: terminal.note(COMPILING))
-    terminal.note(f"kernels are ready ({format_duration(seconds)})")
+    cache = kernel_cache()
+    compiled = f"; compiled in {format_duration(cache.compile_s)}" if cache.compile_s else ""
+    terminal.note(f"kernels are ready ({format_duration(seconds)}){compiled}")
 
 
 def doctor(url: options.Url = None, as_json: options.Json = False) -> None:

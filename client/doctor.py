@@ -134,13 +134,14 @@ def _processor() -> Iterator[Finding]:
 
 
 def _cache() -> Iterator[Finding]:
-    from client.formats import format_bytes
+    from client.formats import format_bytes, format_duration
     from client.local import kernel_cache
 
     cache = kernel_cache()
     if cache.image_bytes:
-        text = f"image {cache.key} of {format_bytes(cache.image_bytes)}: nothing has to be compiled; in {cache.folder}"
-        yield Finding("ok", "kernel cache", text)
+        text = f"image {cache.key} of {format_bytes(cache.image_bytes)}"
+        text += f", compiled in {format_duration(cache.compile_s)}" if cache.compile_s else ""
+        yield Finding("ok", "kernel cache", f"{text}: nothing has to be compiled; in {cache.folder}")
     elif cache.fault:
         yield Finding("note", "kernel cache", f"{cache.fault}; `smalti warm` makes it anew")
     elif cache.files:

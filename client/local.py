@@ -36,6 +36,8 @@ class KernelCache:
         Where they are kept.
     image_bytes : int
         Size of the image that processes map; 0 where there is none.
+    compile_s : float
+        Seconds that its compilation took; 0 where that is not known.
     fault : str
         Why the image that is there cannot be used; usually empty.
     files, size : int
@@ -47,6 +49,7 @@ class KernelCache:
     key: str
     folder: Path
     image_bytes: int
+    compile_s: float
     fault: str
     files: int
     size: int
@@ -145,6 +148,7 @@ def kernel_cache() -> KernelCache:
         key=state.key,
         folder=folder,
         image_bytes=state.n_bytes,
+        compile_s=state.compile_s,
         fault=state.fault,
         files=len(sizes),
         size=sum(sizes),

@@ -65,6 +65,8 @@ def work_rows(report: Mapping[str, Any]) -> list[list[str]]:
         busy = format_percent(kernel_s / (rendering_s * len(workers)))
         count = f"{len(workers)} worker" + ("" if len(workers) == 1 else "s")
         rows.append(["in kernels", f"{format_duration(kernel_s)} on {count}, {busy} of their time"])
+    if compile_s := _number(report.get("kernels_compile_s")):
+        rows.append(["kernels", f"compiled once, in {format_duration(compile_s)}; no part of this job's time"])
     if _number(tiles.get("n")) is not None:
         rows.append(["tiles", f"{tiles['n']} of {tiles.get('size', '?')} px"])
     if _number(report.get("triangles")) is not None:

@@ -5,15 +5,27 @@ Invariant: bounds are upper bounds and sizes are computed; the one guess is the 
 """
 
 import hashlib
+import math
+from collections import Counter
+from collections.abc import Sequence
 
 from service.schemas import Estimate, ImageView
-from tracer.scene import AmbientLight, Mesh, MeshAsset, SceneDoc
+from tracer.scene import AmbientLight, Mesh, MeshAsset, SceneDoc, transform_rows
+from tracer.scene.limits import MAX_COORDINATE
+from tracer.scene.transforms import determinant
 from worker.grid import TileGrid, choose_tile_size
 
 # Of a compiled scene, per inline triangle: 72 bytes of vertices and indices, about 2 BVH nodes of 64 bytes to three
 # triangles, and 100 bytes of normals, UVs and colours where given; rounded up.
 _TRIANGLE_BYTES = 320
 _VERTEX_BYTES = 24 + 24 + 16 + 24
+# Equal meshes share a tree from so many triangles on, and if so many are saved (`tracer.render.parts`). A use then
+# takes its map, its part of the tree above (two nodes), and a material for each triangle.
+_SHARED_TRIANGLES = 4_096
+_SAVED_TRIANGLES = 2**18
+_MOST_SKEW = 2.0**20
+_PLACEMENT_BYTES = 1024
+_MATERIAL_BYTES = 4
 # Film of a tile in a worker: two halves of three float64 sums a pixel; in the store: three float32.
 _FILM_BYTES_PER_PIXEL = 2 * 3 * 8
 _TILE_BYTES_PER_PIXEL = 3 * 4
@@ -54,9 +66,6 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
     samples_total = width * height * scene.sampling.samples
     tile_size = tile_size or choose_tile_size(x, y, width, height, scene.sampling.samples)
     n_tiles = TileGrid(x, y, width, height, tile_size).n_tiles
-    meshes = [thing for thing in scene.objects if isinstance(thing, Mesh)]
-    n_triangles = sum(len(mesh.faces) for mesh in meshes)
-    n_vertices = sum(len(mesh.positions) for mesh in meshes)
     features, skipped = features_of(scene)
     used = _used_names(scene)
     return Estimate(
@@ -68,8 +77,7 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
         cpu_seconds=_cpu_seconds(samples_total * _rays_expected(scene), n_tiles),
         tiles=n_tiles,
         memory_bytes=_WORKER_BYTES
-        + n_triangles * _TRIANGLE_BYTES
-        + n_vertices * _VERTEX_BYTES
+        + _mesh_bytes([thing for thing in scene.objects if isinstance(thing, Mesh)])
         + min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
         result_bytes=width * height * _RESULT_BYTES_PER_PIXEL,
         store_bytes=width * height * (_TILE_BYTES_PER_PIXEL + _RESULT_BYTES_PER_PIXEL),
@@ -78,6 +86,45 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
         assets_missing=[],
         assets_never_loaded=sorted(set(scene.assets) - used),
     )
+
+
+def _mesh_bytes(meshes: Sequence[Mesh]) -> int:
+    """Return the most that inline meshes take; those that certainly share a tree count once."""
+    taken = 0
+    alike: dict[tuple[int, int], list[Mesh]] = {}
+    for mesh in meshes:
+        sizes = len(mesh.positions), len(mesh.faces)
+        taken += sizes[0] * _VERTEX_BYTES + sizes[1] * _TRIANGLE_BYTES
+        alike.setdefault(sizes, []).append(mesh)
+    for (n_vertices, n_faces), some in alike.items():
+        if n_faces < _SHARED_TRIANGLES or (len(some) - 1) * n_faces < _SAVED_TRIANGLES:
+            continue  # before anything is read: this is what nearly all documents are
+        # a document's text has no -0.0 once it is canonical, so equal numbers are equal bits
+        uses = Counter(_digest(mesh) for mesh in some if _may_move(mesh))
+        for n in uses.values():
+            if (n - 1) * n_faces >= _SAVED_TRIANGLES:
+                taken += n * (_PLACEMENT_BYTES + n_faces * _MATERIAL_BYTES)
+                taken -= (n - 1) * (n_vertices * _VERTEX_BYTES + n_faces * _TRIANGLE_BYTES)
+    return taken
+
+
+def _digest(mesh: Mesh) -> bytes:
+    """Name a mesh's geometry by its content; materials and transform apart."""
+    geometry = (mesh.positions, mesh.faces, mesh.normals, mesh.uvs, mesh.colors)
+    return hashlib.sha256(repr(geometry).encode()).digest()
+
+
+def _may_move(mesh: Mesh) -> bool:
+    """Whether a mesh certainly is within what the renderer places instead of baking it.
+
+    The renderer asks for the largest row sum of abs(M) abs(M^-1); an entry of M^-1 is at most 2 m^2 / abs(det M),
+    with m the largest of M's, so 6 norm^3 / abs(det M) bounds it.
+    """
+    rows = transform_rows(mesh.transform)
+    norm = max(sum(map(abs, row[:3])) for row in rows[:3])
+    sizes = math.prod(max(map(abs, row[:3])) / norm for row in rows[:3])
+    farthest = norm * max(abs(x) for point in mesh.positions for x in point) + max(abs(row[3]) for row in rows[:3])
+    return _MOST_SKEW * abs(determinant(rows)[0]) * sizes > 6.0 and farthest <= MAX_COORDINATE
 
 
 def _rays_of_a_path(scene: SceneDoc) -> int:

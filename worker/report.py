@@ -132,6 +132,7 @@ def build_report(
         },
         "first_lease_at": _time_of(totals.first_lease),
         "last_tile_at": _time_of(totals.last_finish),
+        "kernels_compile_s": figures.get("kernels_compile_s"),
         "kernel_s": round(totals.kernel_s, 6),
         "kernel_cpu_s": round(totals.kernel_cpu_s, 6),
         "rays": {

@@ -14,7 +14,7 @@ import structlog
 from numpy.typing import NDArray
 
 from tracer.loaders.errors import LoadError
-from tracer.native.warm import warm
+from tracer.native.warm import compile_seconds, warm
 from tracer.render import Canceled, compile_cached, get_backend
 from tracer.render.cache import trim_cache
 from tracer.scene import AssetResolver, SceneDoc, SceneError
@@ -60,7 +60,8 @@ class TracerBackend:
             ) from error
         if not stats.from_cache:  # only then has the cache grown
             trim_cache(cache / "scenes", MAX_CACHE_BYTES)
-        return compiled, {**stats._asdict(), "triangles": stats.n_triangles, "bytes": stats.n_bytes}
+        figures = {"triangles": stats.n_triangles, "bytes": stats.n_bytes, "kernels_compile_s": compile_seconds()}
+        return compiled, {**stats._asdict(), **figures}
 
     def render(
         self,

@@ -56,15 +56,15 @@ def test_doctor_goes_on_after_a_check_that_breaks(monkeypatch: pytest.MonkeyPatc
 
 
 def cache_findings(monkeypatch: pytest.MonkeyPatch, **fields: Any) -> list[tuple[str, str]]:
-    given = {"image_bytes": 0, "fault": "", "files": 0, "size": 0, "is_writable": True, **fields}
+    given = {"image_bytes": 0, "compile_s": 0.0, "fault": "", "files": 0, "size": 0, "is_writable": True, **fields}
     cache = local.KernelCache(key="0123abcd", folder=Path("/cache/kernels/0123abcd"), **given)
     monkeypatch.setattr(local, "kernel_cache", lambda: cache)
     return [(one.level, one.text) for one in doctor.examine() if one.what == "kernel cache"]
 
 
 def test_doctor_tells_of_the_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    [(level, text)] = cache_findings(monkeypatch, image_bytes=150_000)
-    assert (level, "0123abcd of 150 kB" in text, "/cache/kernels" in text) == ("ok", True, True)
+    [(level, text)] = cache_findings(monkeypatch, image_bytes=150_000, compile_s=58.0)
+    assert (level, "0123abcd of 150 kB, compiled in 58.0 s" in text, "/cache/kernels" in text) == ("ok", True, True)
     [(level, text)] = cache_findings(monkeypatch, fault="/cache/kernels/0123abcd/a.image is damaged")
     assert (level, "is damaged; `smalti warm`" in text) == ("note", True)
     [(level, text)] = cache_findings(monkeypatch, files=7, size=2_000_000)

@@ -49,6 +49,9 @@ def test_work_rows_tell_how_busy_the_workers_were() -> None:
     assert rows["in kernels"] == "12.0 s on 2 workers, 75.0 % of their time"
     assert rows["triangles"] == "4.51 k"
     assert rows["speed"] == "1.50 Mrays/s"
+    assert "kernels" not in rows
+    rows = dict(work_rows({**REPORT, "kernels_compile_s": 58.0}))
+    assert rows["kernels"].startswith("compiled once, in 58.0 s")
 
 
 def test_placements_are_told_where_there_are_several() -> None:

@@ -2,11 +2,13 @@
 
 The paths: single rays, many in flight, tiles of 64 as they come in a batch, the renderer's packets, and placements. Rays
 as they come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a
-time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at. A
+time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at, or all of them
+a little beside it. What four rays tell of all between them is held against brute force, too (:mod:`beams`). A
 placement that is moved decides about the ray in its own space: brute force does so about the same moved ray.
 """
 
 import numpy as np
+from beams import span, wrong_answers
 from closed_meshes import by_brute_force
 from n01 import batches
 from packets import by_packets
@@ -22,7 +24,9 @@ from tracer.rays.stream import trace_stream
 from tracer.types import MAP_ORIGIN, MAP_TO_OBJECT
 
 BRUTE = 200  # rays a batch that every face is tested against
-TOGETHER = 4  # rays a batch that 63 others go along with
+TOGETHER = 4  # rays a batch that 63 others go along with, some of them a little beside
+NARROW = 12  # rays a batch that 63 others go along with all the way
+BEAMS = 24  # a batch
 PATHS = {
     "stream": (trace_stream, ()),
     "tiles in a row": (trace_coherent, (0,)),
@@ -41,10 +45,19 @@ def fan_out(origins, directions):
 
 
 def bundles(origins, directions, rng):
-    """64 rays for each of a few, from none to many roundings beside it."""
-    origins, directions = np.repeat(origins[:TOGETHER], 64, 0), np.repeat(directions[:TOGETHER], 64, 0)
-    beside = rng.choice([0.0, 1.0, -1.0], directions.shape) * 2.0 ** rng.choice([-52, -50, -44, -20], directions.shape)
-    return origins, directions * (1.0 + beside)
+    """64 rays for each of a few: from none to many roundings beside it, no more than one, or all of them as far beside."""
+    origins, directions = np.repeat(origins[:NARROW], 64, 0), np.repeat(directions[:NARROW], 64, 0)
+    n = 64 * TOGETHER
+    beside = rng.choice([0.0, 1.0, -1.0], directions[:n].shape)
+    beside *= 2.0 ** rng.choice([-52, -50, -44, -20], beside.shape)
+    narrow = directions * (1.0 + rng.choice([0.0, 2.0**-52, -(2.0**-52)], directions.shape))
+    shift = rng.choice([1.0, -1.0], (len(directions) // 64, 3)) * 2.0 ** rng.uniform(
+        -48, -20, (len(directions) // 64, 3)
+    )
+    shifted = narrow[:n] * (1.0 + np.repeat(shift, 64, 0)[:n])
+    return np.concatenate([origins[:n], origins, origins[:n]]), np.concatenate(
+        [directions[:n] * (1.0 + beside), narrow, shifted]
+    )
 
 
 def answers(path, caster, rays, *more):
@@ -115,11 +128,14 @@ def by_placements(vertices, faces, origins, directions, rng):
 
 
 def run(cases, seed=2):
-    total = brute = 0
+    total = brute = told = 0
     rng = np.random.default_rng(seed + 1000)
-    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "placements", *PATHS), 0)
+    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "beams", "placements", *PATHS), 0)
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
         together = bundles(origins, directions, rng)
+        answers = wrong_answers(caster.bvh.buffer, vertices, faces, span(origins[:BEAMS], directions[:BEAMS], rng))
+        wrong["beams"] += answers[0]
+        told += answers[1]
         for o, d in ((origins, directions), fan_out(origins, directions), together):
             hits = caster.closest_hit(o, d)
             times, primitives, met = by_packets(caster.bvh, o, d)
@@ -134,5 +150,8 @@ def run(cases, seed=2):
                     wrong[name] += count
             total += len(o)
             brute += len(o[:BRUTE])
-    note = ", ".join(f"{name} {count}" for name, count in wrong.items()) + f"; {brute:,} by brute force"
+    note = (
+        ", ".join(f"{name} {count}" for name, count in wrong.items())
+        + f"; {brute:,} by brute force, {told:,} beams told"
+    )
     return Row("N2", "all paths = brute force", total, sum(wrong.values()), 0.0, 0.0, note)

@@ -83,6 +83,51 @@ def test_memory_grows_with_inline_meshes() -> None:
     assert 9 * (3 * 80 + 200) < ten - one < 9 * 1000
 
 
+def grid(rows: int, **changes: Any) -> dict[str, Any]:
+    """A flat mesh of 2 x rows x 64 triangles."""
+    points = [[x, 0.5 * y, 0.0] for y in range(rows + 1) for x in range(65)]
+    corners = [y * 65 + x for y in range(rows) for x in range(64)]
+    faces = [face for k in corners for face in ([k, k + 1, k + 66], [k, k + 66, k + 65])]
+    return {"type": "mesh", "positions": points, "faces": faces, **changes}
+
+
+def moved(x: float, by: float = 1.0) -> dict[str, Any]:
+    return {"transform": [{"type": "scale", "by": [by, 1, 1]}, {"type": "translate", "by": [x, 0, 0]}]}
+
+
+def test_equal_meshes_count_once_where_the_renderer_places_them() -> None:
+    """33 uses of 8,192 triangles save 2^18; 32 do not; nor do meshes that are not equal, or squeezed too far."""
+    one = estimate(scene(objects=[grid(64)]), b"", 64).memory_bytes
+    none = estimate(scene(), b"", 64).memory_bytes
+
+    def taken(*objects: dict[str, Any]) -> float:
+        return (estimate(scene(objects=list(objects)), b"", 64).memory_bytes - none) / (one - none)
+
+    assert taken(*[grid(64, **moved(k)) for k in range(32)]) == 32
+    shared = taken(*[grid(64, **moved(k)) for k in range(33)])
+    assert 1 < shared < 2  # a material for each triangle of each use, 4 bytes of 400
+    assert taken(*[grid(64, **moved(k)) for k in range(33)], grid(64)) < 2
+    assert taken(*[grid(64, **moved(k, 1e-9)) for k in range(33)]) == 33
+    other = grid(64)
+    other["positions"][0] = [0.0, 0.25, 0.0]
+    assert taken(*[grid(64, **moved(k)) for k in range(33)], other) == pytest.approx(shared + 1)
+
+
+def test_what_is_shared_is_what_the_renderer_shares() -> None:
+    """The numbers that the service cannot import, for it never loads numpy; and arrays as they come out."""
+    from service import estimate as counted
+    from tracer.render import parts
+    from tracer.render.compile import compile_scene
+
+    for name in ("_SHARED_TRIANGLES", "_SAVED_TRIANGLES", "_MOST_SKEW"):
+        assert getattr(counted, name) == getattr(parts, name)
+    found = scene(objects=[grid(64, **moved(70.0 * k, 1 + k)) for k in range(33)])
+    compiled, stats = compile_scene(found, lambda ref: pytest.fail("no assets"))
+    assert stats.n_placements == 33
+    taken = estimate(found, b"", 64).memory_bytes - estimate(scene(), b"", 64).memory_bytes
+    assert sum(array.nbytes for array in compiled) <= taken
+
+
 def test_only_used_assets_count_with_their_companions() -> None:
     found = scene(
         objects=[{"type": "mesh_asset", "asset": "car"}],

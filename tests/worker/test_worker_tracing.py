@@ -31,6 +31,11 @@ def test_the_cache_is_trimmed_when_it_has_grown(tmp_path: Path, monkeypatch: pyt
     assert list(trimmed[0][0].glob("scenes/*.arrays")), "the folder that is trimmed is the one that is filled"
 
 
+def test_figures_tell_how_long_the_kernels_took_to_compile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracing, "compile_seconds", lambda: 58.25)
+    assert tracing.TracerBackend("cpu").compile(parse_scene(SCENE), refuse, tmp_path)[1]["kernels_compile_s"] == 58.25
+
+
 def test_an_unusable_file_is_told_with_place_reason_and_mend(tmp_path: Path) -> None:
     (tmp_path / "empty.obj").write_text("# nothing\n")
     asset = {"file": "empty.obj", "sha256": "ab" * 32}

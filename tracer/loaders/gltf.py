@@ -4,7 +4,8 @@ trimesh decodes the accessors; the scene graph, materials and images are read he
 a camera, joins names, loses texture coordinates of parts without a material, and does not look at the extensions.
 
 Invariants: the document is checked before trimesh sees it (no loops, no lengths beyond the buffers, nothing fetched);
-each instance of a mesh is baked by its own transform, normals by the inverse transpose, mirrored ones turned round.
+each instance of a mesh is baked by its own transform, normals by the inverse transpose, mirrored ones turned round, or
+is a use of the mesh in its own space where that saves much.
 Source: the glTF 2.0 specification; the extensions that are read are KHR_materials_transmission, _ior,
 _emissive_strength and _specular (factors only).
 """
@@ -14,15 +15,18 @@ import binascii
 import io
 import json
 import struct
+from collections import Counter
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.loaders import limits
 from tracer.loaders.colors import linear_colors
 from tracer.loaders.files import CompanionError, ModelFile
 from tracer.loaders.gltf_materials import GltfMaterials
-from tracer.loaders.mesh import MeshData, MeshGroup, MeshPart, join_parts
+from tracer.loaders.mesh import MeshData, MeshGroup, MeshPart, PartUse, Rows, join_parts
+from tracer.loaders.uses import bake, may_place, rows_of
 
 _GLB_MAGIC: Final = 0x46546C67
 _CHUNK_JSON: Final = 0x4E4F534A
@@ -293,47 +297,61 @@ def _bake(
     instances: list[tuple[int, tuple[str, ...], NDArray[np.float64]]],
     materials: GltfMaterials,
 ) -> MeshData:
-    """Put every instance of every primitive into the file's world."""
-    n_faces = sum(len(part["faces"]) for mesh, _, _ in instances for part in decoded[mesh])
+    """Put every instance of every primitive into the file's world, but for large meshes that are used often."""
+    sizes = [sum(len(part["faces"]) for part in mesh) for mesh in decoded]
+    n_faces = sum(sizes[mesh] for mesh, _, _ in instances)
     if n_faces > file.limits.faces:
         raise file.error(f"draws {n_faces} triangles, more than the {file.limits.faces} allowed", "simplify it")
+    often = _worth_sharing(sizes, [mesh for mesh, _, _ in instances])
+    reach = {mesh: max(float(np.abs(part["vertices"]).max(initial=0.0)) for part in decoded[mesh]) for mesh in often}
+    can_stay = [mesh in often and may_place(world, reach[mesh]) for mesh, _, world in instances]
+    shared = _worth_sharing(sizes, [mesh for (mesh, _, _), stays in zip(instances, can_stay, strict=True) if stays])
     parts: list[MeshPart] = []
     groups: list[MeshGroup] = []
-    for mesh, names, world in instances:
-        for kwargs, primitive in zip(decoded[mesh], primitives[mesh], strict=True):
+    kept: list[tuple[int, tuple[int, int], Rows]] = []  # mesh, groups, matrix
+    for (mesh, names, world), stays in zip(instances, can_stay, strict=True):
+        first = len(groups)
+        for primitive in primitives[mesh]:
             material = materials.find(primitive.get("material"))
             own_name = (materials.materials[material].name,) if material >= 0 else ()
             groups.append(MeshGroup(tuple(dict.fromkeys(name for name in (*names, *own_name) if name)), material))
-            parts.append(_bake_part(tree, kwargs, primitive, world, len(groups) - 1))
-    return join_parts(file, parts, groups, materials.materials, materials.images)
+        if stays and mesh in shared:
+            kept.append((mesh, (first, len(groups)), rows_of(world)))
+            continue
+        for number, (kwargs, primitive) in enumerate(zip(decoded[mesh], primitives[mesh], strict=True)):
+            parts.append(_part(tree, kwargs, primitive, world, first + number))
+    stored: dict[int, tuple[int, int]] = {}  # parts of a mesh
+    for mesh in shared:
+        first = len(parts)
+        for number, (kwargs, primitive) in enumerate(zip(decoded[mesh], primitives[mesh], strict=True)):
+            parts.append(_part(tree, kwargs, primitive, None, number))
+        stored[mesh] = first, len(parts)
+    uses = [PartUse(stored[mesh], some, rows) for mesh, some, rows in kept]
+    return join_parts(file, parts, groups, materials.materials, materials.images, uses)
 
 
-def _bake_part(tree: Tree, kwargs: Tree, primitive: Tree, world: NDArray[np.float64], group: int) -> MeshPart:
-    """Transform one primitive."""
+def _worth_sharing(sizes: list[int], uses: list[int]) -> list[int]:
+    """Return the meshes that are large enough, and used often enough, to be stored once."""
+    return [
+        mesh
+        for mesh, n in Counter(uses).items()
+        if sizes[mesh] >= limits.SHARED_FACES and (n - 1) * sizes[mesh] >= limits.SAVED_FACES
+    ]
+
+
+def _part(tree: Tree, kwargs: Tree, primitive: Tree, world: NDArray[np.float64] | None, group: int) -> MeshPart:
+    """Put one primitive into the file's space; without a matrix it stays in its own."""
     positions = np.asarray(kwargs["vertices"], np.float64)
     faces = np.asarray(kwargs["faces"], np.int64).reshape(-1, 3)
     normals = kwargs.get("vertex_normals")
-    linear = world[:3, :3]
-    # Cofactors are the inverse transpose times the determinant: right for singular maps, too.
-    cofactors = np.stack(
-        [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])]
-    )
-    is_mirrored = float((linear[0] * cofactors[0]).sum()) < 0.0
-    with np.errstate(over="ignore", invalid="ignore"):
-        x, y, z = positions.T
-        placed = np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in world[:3]], axis=1)
-        if normals is not None:
-            sign = -1.0 if is_mirrored else 1.0
-            nx, ny, nz = np.asarray(normals, np.float64).T
-            normals = sign * np.stack([row[0] * nx + row[1] * ny + row[2] * nz for row in cofactors], axis=1)
-    if is_mirrored:
-        faces = faces[:, [0, 2, 1]]
+    if world is not None:
+        positions, normals, faces = bake(world, positions, normals, faces)
     uvs = getattr(kwargs.get("visual"), "uv", None)
     if uvs is not None:
         uvs = _restored_uvs(tree["accessors"][primitive["attributes"]["TEXCOORD_0"]], np.asarray(uvs))
     colors = kwargs["colors"]
     return MeshPart(
-        placed,
+        positions,
         faces,
         normals,
         uvs,

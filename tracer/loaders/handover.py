@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.arrayfile import ArrayFileError, load_arrays, save_arrays
-from tracer.loaders.mesh import FileMaterial, MeshData, MeshGroup
+from tracer.loaders.mesh import FileMaterial, MeshData, MeshGroup, MeshUse
 
 _OPTIONAL = ("normals", "uvs", "colors")
 _REQUIRED = ("positions", "faces", "face_flags", "face_group")
@@ -26,6 +26,7 @@ def save_mesh(path: Path, mesh: MeshData, *, durable: bool = False) -> None:
         "materials": [material._asdict() for material in mesh.materials],
         "n_images": len(mesh.images),
         "warnings": list(mesh.warnings),
+        "uses": [list(use) for use in mesh.uses],
     }
     save_arrays(path, arrays, meta, durable=durable)
 
@@ -48,9 +49,17 @@ def open_mesh(path: Path) -> MeshData:
             materials=tuple(_material(row) for row in meta["materials"]),
             images=tuple(arrays[f"image{index}"] for index in range(meta["n_images"])),
             warnings=tuple(meta["warnings"]),
+            uses=tuple(_use(*row) for row in meta["uses"]),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ArrayFileError(f"{path.name} is not a mesh: {error}") from error
+
+
+def _use(vertices: list[int], faces: list[int], groups: list[int], rows: list[list[float]]) -> MeshUse:
+    """Return a use from its JSON form, in which tuples are lists."""
+    (v0, v1), (f0, f1), (g0, g1) = vertices, faces, groups
+    a, b, c, d = ((x, y, z, w) for x, y, z, w in rows)
+    return MeshUse((v0, v1), (f0, f1), (g0, g1), (a, b, c, d))
 
 
 def _material(row: dict[str, Any]) -> FileMaterial:

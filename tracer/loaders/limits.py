@@ -16,6 +16,11 @@ IN_PROCESS_JSON_BYTES: Final = 4 << 20
 30 bytes for each byte of text (120 MB), does no harm on bad text, and a process costs half a second. The MINI has
 0.5 MB."""
 
+SHARED_FACES: Final = 4_096
+SAVED_FACES: Final = 2**18
+"""A mesh of a glTF file of at least so many triangles, whose repeated uses would take so many more, is stored once: as
+the renderer shares equal meshes (:mod:`tracer.render.parts`)."""
+
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".gltf", ".off", ".json")
 """What can be loaded. trimesh reads far more, archives among them; what is not listed never reaches it."""
 

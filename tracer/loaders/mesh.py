@@ -41,6 +41,22 @@ class MeshGroup(NamedTuple):
     material: int = -1  # index of `MeshData.materials`, or -1
 
 
+Row = tuple[float, float, float, float]
+Rows = tuple[Row, Row, Row, Row]
+
+
+class MeshUse(NamedTuple):
+    """One use of a mesh that a file draws several times, and that is stored once, in a space of its own.
+
+    Ranges are half open. What is stored so comes behind all that is drawn as it is, and is drawn by its uses alone.
+    """
+
+    vertices: tuple[int, int]
+    faces: tuple[int, int]
+    groups: tuple[int, int]  # of this use; the stored faces count from the first of these
+    rows: Rows  # affine, to the file's space
+
+
 class MeshData(NamedTuple):
     """A mesh in its file's own space; `nv` vertices, `nf` triangles."""
 
@@ -55,6 +71,7 @@ class MeshData(NamedTuple):
     materials: tuple[FileMaterial, ...]
     images: tuple[NDArray[np.uint8], ...]  # each (height, width, 3), sRGB, row 0 at the top
     warnings: tuple[str, ...]
+    uses: tuple[MeshUse, ...] = ()
 
 
 class MeshPart(NamedTuple):
@@ -68,14 +85,25 @@ class MeshPart(NamedTuple):
     face_group: NDArray[Any] | int
 
 
+class PartUse(NamedTuple):
+    """One use of parts that are stored once; ranges are half open."""
+
+    parts: tuple[int, int]
+    groups: tuple[int, int]
+    rows: Rows
+
+
 def join_parts(
     file: ModelFile,
     parts: Sequence[MeshPart],
     groups: Sequence[MeshGroup],
     materials: Sequence[FileMaterial] = (),
     images: Sequence[NDArray[np.uint8]] = (),
+    uses: Sequence[PartUse] = (),
 ) -> MeshData:
     """Check the parts of a model and put them into one mesh.
+
+    Parts that ``uses`` names come behind all others.
 
     Raises
     ------
@@ -95,6 +123,7 @@ def join_parts(
         )
     checked = [_check_part(file, part) for part in parts]
     offsets = np.cumsum([0] + [len(part.positions) for part in checked])
+    first_faces = np.cumsum([0] + [len(part.faces) for part in checked])
     faces = np.concatenate([part.faces + offset for part, offset in zip(checked, offsets, strict=False)])
     flags = np.concatenate([_part_flags(part) for part in checked])
     face_group = np.concatenate([np.broadcast_to(np.int32(0) + part.face_group, len(part.faces)) for part in checked])
@@ -123,6 +152,7 @@ def join_parts(
         keep &= ~collapsed
     if not keep.all():
         faces, flags, face_group = faces[keep], flags[keep], face_group[keep]
+        first_faces = np.concatenate([[0], np.cumsum(keep)])[first_faces]
     if len(faces) == 0:
         raise file.error("is empty: none of its triangles has an area and finite corners", "export it again")
 
@@ -158,7 +188,16 @@ def join_parts(
         materials=tuple(materials),
         images=tuple(images),
         warnings=tuple(file.warnings),
+        uses=tuple(
+            MeshUse(_between(offsets, use.parts), _between(first_faces, use.parts), use.groups, use.rows)
+            for use in uses
+        ),
     )
+
+
+def _between(firsts: NDArray[np.int64], parts: tuple[int, int]) -> tuple[int, int]:
+    """Return where a range of parts begins and ends."""
+    return int(firsts[parts[0]]), int(firsts[parts[1]])
 
 
 def _in_range(rows: NDArray[np.float64], bound: float) -> NDArray[np.bool_]:

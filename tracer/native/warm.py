@@ -31,6 +31,7 @@ class ImageState(NamedTuple):
     key: str
     path: Path
     n_bytes: int  # 0 where there is none that can be used
+    compile_s: float  # seconds that its making took; 0 where that is not known
     fault: str  # why it cannot be used; empty where it can, or where there is none
 
 
@@ -39,11 +40,26 @@ def image_state() -> ImageState:
     path = image_path()
     key = path.parent.name
     try:
-        return ImageState(key, path, load_image(path, key).n_bytes, "")
+        image = load_image(path, key)
     except FileNotFoundError:
-        return ImageState(key, path, 0, "")
+        return ImageState(key, path, 0, 0.0, "")
     except (OSError, ImageError) as error:
-        return ImageState(key, path, 0, str(error))
+        return ImageState(key, path, 0, 0.0, str(error))
+    return ImageState(key, path, image.n_bytes, compile_seconds(), "")
+
+
+def compile_seconds() -> float:
+    """Return how long the making of this process's image took on this host; 0 where that is not known.
+
+    It is kept beside the image: the image itself has the same bytes whenever it is made.
+    """
+    with suppress(OSError, ValueError):
+        return float(_seconds_path(image_path()).read_text())
+    return 0.0
+
+
+def _seconds_path(path: Path) -> Path:
+    return path.with_suffix(".seconds")
 
 
 def warm(on_compile: Callable[[], None] | None = None) -> float:
@@ -90,6 +106,7 @@ def _is_writable(folder: Path) -> bool:
 
 def _make_image(path: Path) -> None:
     """Have the image made by a process that runs these sources, wherever the name `tracer` leads otherwise."""
+    start = time.perf_counter()
     making = subprocess.run(  # noqa: S603 - ourselves
         [sys.executable, "-m", "tracer.native.build", str(path.absolute())],
         cwd=Path(__file__).parents[2],
@@ -104,6 +121,9 @@ def _make_image(path: Path) -> None:
         told = making.stderr.strip().splitlines()
         reason = told[-1] if told else f"exit status {making.returncode}"
         warnings.warn(f"no image of the kernels: {reason}; every process compiles", RuntimeWarning, stacklevel=3)
+        return
+    with suppress(OSError):
+        _seconds_path(path).write_text(f"{time.perf_counter() - start:.1f}\n")
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tracer.accel import build_tree, join_hierarchies
 from tracer.loaders.mesh import MeshData, MeshGroup
+from tracer.loaders.uses import flattened, separate
 from tracer.render.geometry import (
     PlaneRecord,
     ShapeRecord,
@@ -37,6 +38,7 @@ from tracer.scene import (
     transform_rows,
 )
 from tracer.scene.faults import closest, one_of, pointer_of
+from tracer.scene.transforms import multiplied
 from tracer.types import (
     FACE_HAS_COLORS,
     FACE_HAS_NORMALS,
@@ -105,7 +107,8 @@ def compile_scene(
     textures = TextureTable()
     materials = MaterialTable()
     meshes: list[MeshRecord] = []
-    shaped: dict[tuple[str, str], MeshData] = {}  # assets with the normals that objects ask for
+    # assets with the normals that objects ask for, taken apart into what is drawn as it is and uses of meshes
+    shaped: dict[tuple[str, str], list[tuple[MeshData, Matrix | None]]] = {}
     shapes: list[tuple[ShapeRecord, int]] = []
     planes: list[tuple[PlaneRecord, int]] = []
     for index, thing in enumerate(scene.objects):
@@ -113,15 +116,19 @@ def compile_scene(
         rows = transform_rows(thing.transform)
         if isinstance(thing, Mesh):
             data = _inline_mesh(thing)
-            chosen = _choose_materials(scene, thing, data, (), pointer, materials, textures, files)
+            _check_groups(thing, data, pointer)
+            chosen = _choose_materials(scene, thing, data, (), materials, textures, files)
             meshes.append(_mesh_record(data, chosen, rows, pointer))
         elif isinstance(thing, MeshAsset):
             data = files.mesh(thing.asset)
-            chosen = _choose_materials(scene, thing, data, (thing.asset,), pointer, materials, textures, files)
+            _check_groups(thing, data, pointer)
             key = (thing.asset, thing.normals)
             if key not in shaped:
-                shaped[key] = _with_normals(data, thing.normals)
-            meshes.append(_mesh_record(shaped[key], chosen, rows, pointer))
+                shaped[key] = separate(_with_normals(data, thing.normals))
+            for part, there in shaped[key]:
+                chosen = _choose_materials(scene, thing, part, (thing.asset,), materials, textures, files)
+                place = rows if there is None else multiplied(rows, there)
+                meshes.append(_mesh_record(part, chosen, place, pointer))
         else:
             material = _scene_material(scene, thing.material, materials, textures, files)
             if isinstance(thing, Plane):
@@ -219,17 +226,8 @@ def _file_material(
     return row
 
 
-def _choose_materials(
-    scene: SceneDoc,
-    thing: Mesh | MeshAsset,
-    data: MeshData,
-    key: tuple[str, ...],
-    pointer: str,
-    materials: MaterialTable,
-    textures: TextureTable,
-    files: SceneFiles,
-) -> NDArray[np.int32]:
-    """Return each face's row: the object's choice for the group, for the object, the file's own, the default grey."""
+def _check_groups(thing: Mesh | MeshAsset, data: MeshData, pointer: str) -> None:
+    """Refuse materials of groups that the mesh has not."""
     choices: Mapping[str, str] = thing.materials or {}
     known = dict.fromkeys(name for group in data.groups for name in group.names if name)
     unknown = [name for name in choices if name not in known]
@@ -242,6 +240,19 @@ def _choose_materials(
             )
             for name in unknown
         )
+
+
+def _choose_materials(
+    scene: SceneDoc,
+    thing: Mesh | MeshAsset,
+    data: MeshData,
+    key: tuple[str, ...],
+    materials: MaterialTable,
+    textures: TextureTable,
+    files: SceneFiles,
+) -> NDArray[np.int32]:
+    """Return each face's row: the object's choice for the group, for the object, the file's own, the default grey."""
+    choices: Mapping[str, str] = thing.materials or {}
 
     def row_of(group: MeshGroup) -> int:
         for name in group.names:
@@ -292,6 +303,9 @@ def _with_normals(data: MeshData, normals_from: str) -> MeshData:
     flags = data.face_flags & np.uint8(0xFF ^ FACE_HAS_NORMALS)
     if normals_from == "flat":
         return data._replace(normals=None, face_flags=flags)
+    if data.uses:  # what meets at a place is smoothed there, whichever uses it belongs to
+        data = flattened(data)
+        flags = data.face_flags & np.uint8(0xFF ^ FACE_HAS_NORMALS)
     normals = smooth_normals(data.positions, data.faces)
     has_normal = (normals[data.faces] != 0.0).any(axis=2).all(axis=1)
     flags[has_normal] |= np.uint8(FACE_HAS_NORMALS)

@@ -63,8 +63,6 @@ from tracer.simd.lanes import (
 )
 from tracer.simd.memory import (
     address_of,
-    bytes_of,
-    element_type,
     gather,
     load,
     load_as_float64,
@@ -97,14 +95,12 @@ __all__ = [
     "all_lanes",
     "any_lane",
     "bitcast",
-    "bytes_of",
     "compress",
     "concatenate",
     "convert",
     "cos",
     "count_trailing_zeros",
     "deinterleave",
-    "element_type",
     "exp",
     "extract",
     "float32x4",

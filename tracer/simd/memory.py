@@ -51,30 +51,6 @@ def address_of(_typing: Any, array: Any) -> Any:
 
 
 @intrinsic
-def element_type(_typing: Any, array: Any) -> Any:
-    """Return the scalar type of an array, to be handed on in its place: a kernel is specialised on it at no cost.
-
-    An array handed to an inlined function costs atomic reference counting in the loop; a type costs nothing.
-    """
-
-    def generate(context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
-        return context.get_dummy_value()
-
-    return types.NumberClass(array.dtype)(array), generate
-
-
-@intrinsic
-def bytes_of(_typing: Any, kind: Any) -> Any:
-    """Return the size of a scalar type, a constant."""
-    size = llvm_bits(kind.instance_type) // 8
-
-    def generate(_context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
-        return ir.Constant(_I64, size)
-
-    return types.int64(kind), generate
-
-
-@intrinsic
 def load_as_float64(_typing: Any, shape: Any, kind: Any, address: Any) -> Any:
     """``load_as_float64(float64x4, kind, address)``: as many consecutive values of a scalar type, widened.
 

@@ -222,12 +222,18 @@ print("damaged" in image_state().fault, len([one for one in seen if "smalti warm
 
 def test_of_two_processes_one_compiles(own_cache):
     own_cache.unlink()
+    seconds = own_cache.with_suffix(".seconds")
+    seconds.write_text("none")
     code = "from tracer.native.warm import warm; warm(lambda: print('compiling'))"
     both = [
         subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) for _ in range(2)
     ]
     assert sorted(one.communicate(timeout=280)[0].strip() for one in both) == ["", "compiling"]
     assert own_cache.stat().st_size > 10_000
+    told = run("from tracer.native.warm import compile_seconds; print(compile_seconds())")
+    assert float(told) == float(seconds.read_text()) > 1.0
+    seconds.write_text("none")
+    assert run("from tracer.native.warm import compile_seconds; print(compile_seconds())") == "0.0"
 
 
 def test_the_compiler_leaves_nothing_in_this_process(own_cache):

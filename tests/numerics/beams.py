@@ -1,0 +1,118 @@
+"""What one beam says of all rays in it (:data:`tracer.rays.packet.SOLE`), against brute force on rays between.
+
+A beam is spanned by four corner rays: from one origin through a parallelogram, or from a parallelogram to one point.
+Rays between are drawn among those through the parallelogram, its rim and corners included. Of a beam that holds one
+triangle none may meet another one, and each passes within that one's edges; of an empty beam none may meet anything.
+Where the corner rays first meet one triangle and end there, as the integrator asks, all between first meet it, too; of
+rays that end at a point (a lamp), where they meet it well on their way, for at the end the last bit of t decides.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from closed_meshes import by_brute_force
+
+from tests.tracer.rays.packets import axis_of, put_direction
+from tracer.jit import int64, kernel
+from tracer.rays.packet import CLOSEST, NONE, SOLE, trace_packet
+from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
+from tracer.simd import address_of, load, store
+from tracer.simd.gateway import types
+
+_int64 = types.int64
+_float64 = types.float64
+BETWEEN = 16  # rays that each beam is held against
+_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+_CERTAIN_AXIS = 1.0 - 2.0**-30
+_CLEAR = 2.0**-20  # as tracer.integrators.corners asks
+
+
+class Beams(NamedTuple):
+    """n beams: rays of index (beam, corner or ray between)."""
+
+    origins: np.ndarray  # (n, 4 + BETWEEN, 3) the corners first
+    directions: np.ndarray
+    ends: np.ndarray  # (n,)
+
+
+@kernel
+def _ask(tree, memory, origins, directions, ends, until_hit, answers, times):
+    base, packet = address_of(tree), (address_of(memory) + 63) & ~63
+    for beam in range(origins.shape[0]):
+        for corner in range(4):
+            ray = packet + 8 * corner
+            for axis in range(3):
+                store(ray + ORIGIN + axis * ROW, origins[beam, corner, axis])
+            d = directions[beam, corner]
+            put_direction(packet, corner, d[0], d[1], d[2])
+            store(ray + T_BEST, ends[beam])
+            store(ray + PRIMITIVE, int64(-1))
+            store(ray + SKIP, int64(-1))
+        answers[beam, 0] = -1
+        if until_hit:
+            trace_packet(base, packet, int64(15), int64(CLOSEST), int64(0), int64(0), int64(0))
+            face = load(_int64, packet + PRIMITIVE)
+            alike = True
+            for corner in range(4):
+                alike = alike and load(_int64, packet + 8 * corner + PRIMITIVE) == face
+                times[beam, corner] = load(_float64, packet + 8 * corner + T_BEST)
+            if not alike:
+                face = int64(-1)
+            answers[beam, 0] = face
+        answers[beam, 1] = trace_packet(base, packet, int64(15), int64(SOLE), int64(0), int64(0), int64(0))
+
+
+def span(origins, directions, rng):
+    """Beams about some rays: from a point or to one, of widths from a rounding to half the way, shifted to touch."""
+    n = len(origins)
+    targets = origins + directions * rng.choice([0.5, 1.0, 2.0], (n, 1))
+    size = np.abs(directions).max(1, keepdims=True)
+    a, b = (rng.standard_normal((n, 3)) * size * 10.0 ** rng.uniform(-14, -0.5, (n, 1)) for _ in range(2))
+    places = rng.uniform(-1, 1, (n, 4 + BETWEEN, 2))
+    places[:, :4] = _CORNERS
+    rim = rng.random((n, BETWEEN, 2)) < 0.2
+    places[:, 4:][rim] = np.sign(places[:, 4:][rim])
+    shift = rng.choice([0.0, 1.0, 1.0 + 2.0**-30, 1.0 + 2.0**-10, 1.5], (n, 1, 2)) * rng.choice([-1.0, 1.0], (n, 1, 2))
+    offsets = (places + shift) @ np.stack([a, b], 1)
+    to_point = (rng.random(n) < 0.5)[:, None, None]
+    starts = origins[:, None] + np.where(to_point, offsets, 0.0)
+    finishes = targets[:, None] + np.where(to_point, 0.0, offsets)
+    ways = finishes - starts
+    ends = np.where(to_point[:, 0, 0], 1.0, np.inf)
+    axis = axis_of(ways.reshape(-1, 3)).reshape(n, -1)
+    sorted_sizes = np.sort(np.abs(ways), axis=2)
+    slopes = sorted_sizes[..., 1] / np.maximum(sorted_sizes[..., 2], 1e-300)
+    keep = (axis == axis[:, :1]).all(1) & (slopes < _CERTAIN_AXIS).all(1)
+    return Beams(starts[keep], ways[keep], ends[keep])
+
+
+def wrong_answers(tree, vertices, faces, beams):
+    """Count (wrong answers, answers that told something)."""
+    n = len(beams.ends)
+    if n == 0:
+        return 0, 0
+    wrong = told = 0
+    corners = np.sort(vertices[faces].reshape(len(faces), 3, 3), axis=1)
+    for until_hit in (False, True):
+        answers, times = np.empty((n, 2), np.int64), np.empty((n, 4))
+        memory = np.zeros(RAY_ROWS * 64 + 8)
+        _ask(tree, memory, beams.origins, beams.directions, beams.ends, until_hit, answers, times)
+        for k in range(n):
+            hit, sole = answers[k]
+            if sole < NONE or (until_hit and (hit < 0 or sole != hit)):
+                continue
+            if until_hit and np.isfinite(beams.ends[k]) and not _CLEAR < times[k].min() <= times[k].max() < 1 - _CLEAR:
+                continue
+            told += 1
+            o, d = beams.origins[k], beams.directions[k]
+            _, first, counts = by_brute_force(vertices, faces, o, d, 0.0, beams.ends[k])
+            if sole == NONE:
+                wrong += int((counts > 0).sum())
+            elif until_hit:
+                wrong += int((first != sole).sum())
+            else:
+                same = (corners == corners[sole]).all((1, 2))
+                _, other, _ = by_brute_force(vertices, faces[~same], o, d, 0.0, beams.ends[k])
+                _, its, _ = by_brute_force(vertices, faces[sole : sole + 1], o, d, -np.inf)
+                wrong += int(((other >= 0) | (its < 0)).sum()) + int(same[:sole].any())
+    return wrong, told
