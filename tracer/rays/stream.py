@@ -1,11 +1,11 @@
 """Many rays in flight through the wide tree, so that waiting for memory and for branches of one ray serves others.
 
 Each ray has a state and a stack of its own. Rays whose next stop is a node stand in one list, those at a leaf in a
-second, those of whose leaf a triangle may be met in a third, those that are done in a fourth; a round goes through each
-list once, takes every ray one step further and asks for the memory of its next stop. A node's step has no branch that
-depends on the ray: the eight keys are sorted by a network, missed children last, all are written, and the stack grows
-by those that were met. Triangles are decided for four rays at a time (:mod:`tracer.rays.leaf_four`); a ray waits for
-three others as long as there is something else to do.
+second, those of whose leaf a triangle may be met in a third, those that are done in a fourth. A round goes through each
+list, the first until few rays are left in it, takes every ray one step further and asks for the memory of its next
+stop. A node's step has no branch that depends on the ray: the eight keys are sorted by a network, missed children last,
+all are written, and the stack grows by those that were met. Triangles are decided for four rays at a time
+(:mod:`tracer.rays.leaf_four`); a ray waits for three others as long as there is something else to do.
 
 Invariant: the answer is that of :mod:`tracer.rays.single`, bit for bit: a leaf decides alike on every path, and what is
 left is the least (t, id), in whatever order leaves are visited.
@@ -47,6 +47,7 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 IN_FLIGHT: Final = 40
+_FEW: Final = 8  # rays at nodes at which they wait for the others: a list's end costs a mispredicted branch, too
 # Near distances, then child words; an odd number of cache lines, so that the stacks' bottoms do not share L1 sets.
 _WORDS: Final = (4 * STACK_ENTRIES + 63) // 64 * 64
 _STACK_BYTES: Final = 2 * _WORDS + 64 * (1 - (2 * _WORDS // 64) % 2)
@@ -236,11 +237,14 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
             if mode == CLOSEST:
                 _expect(outputs, load(_int64, listed + 8 * i) if listed != 0 else i)
             i += count
-        last, nodes_end = nodes_end, nodes
-        for place in range(nodes, last, 8):
-            state = load(_int64, place)
-            word = _go_to(base, state, _visit_node(base, state))
-            nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+        while True:
+            last, nodes_end = nodes_end, nodes
+            for place in range(nodes, last, 8):
+                state = load(_int64, place)
+                word = _go_to(base, state, _visit_node(base, state))
+                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+            if nodes_end <= nodes + 8 * _FEW:
+                break
         last, leaves_end, ready_end = leaves_end, leaves, ready
         for place in range(leaves, last, 8):
             state = load(_int64, place)
