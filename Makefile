@@ -13,7 +13,7 @@ SELF := $(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolat
 PYTEST := $(PYTHON) -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check seed mini bench-error bench-service bench-jobs stress mutants lock warm clean
+.PHONY: help demo test check seed mini bench-error bench-service bench-jobs bench-rays stress mutants lock warm clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 16
@@ -63,6 +63,9 @@ bench-service: $(VENV)/dev.stamp ## what the service costs beside the kernels
 
 bench-jobs: $(VENV)/dev.stamp ## whole pictures, starts and growth; beside Mitsuba where SMALTI_MITSUBA_PYTHON names one
 	@$(PYTHON) -m benchmarks.jobs
+
+bench-rays: $(VENV)/dev.stamp ## rays and builds beside Embree; SMALTI_EMBREE names a folder with embreex if it is not installed
+	@$(PYTHON) -m benchmarks.rays
 
 stress: $(VENV)/dev.stamp ## the numerical stress suite at full size, a row a test
 	@$(PYTHON) -m tests.numerics

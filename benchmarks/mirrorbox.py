@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.rays import bumpy_sphere
+from benchmarks.rays_meshes import bumpy_sphere
 
 EYE, TARGET, FOV_DEG = (0.0, 1.0, 3.4), (0.0, 1.0, 0.0), 40.0
 LIGHT, INTENSITY, AMBIENT = (0.2, 1.85, 0.3), 0.8, 0.1

@@ -1,10 +1,10 @@
 """What one beam says of all rays in it (:data:`tracer.rays.packet.SOLE`), against brute force on rays between.
 
 A beam is spanned by four corner rays: from one origin through a parallelogram, or from a parallelogram to one point.
-Rays between are drawn among those through the parallelogram, its rim and corners included. Of a beam that holds one
-triangle none may meet another one, and each passes within that one's edges; of an empty beam none may meet anything.
-Where the corner rays first meet one triangle and end there, as the integrator asks, all between first meet it, too; of
-rays that end at a point (a lamp), where they meet it well on their way, for at the end the last bit of t decides.
+Rays between are drawn among those through the parallelogram, its rim and corners included. Of a beam from a
+point that holds one triangle none may meet another one, and each passes within that one's edges; of an empty beam none
+may meet anything. Where its corner rays first meet one triangle and end there, as the integrator asks, all between
+first meet it, too. Of a beam that ends in a point (a lamp) and is darkened by a triangle all meet that one on their way.
 """
 
 from typing import NamedTuple
@@ -14,8 +14,8 @@ from closed_meshes import by_brute_force
 
 from tests.tracer.rays.packets import axis_of, put_direction
 from tracer.jit import int64, kernel
-from tracer.rays.packet import CLOSEST, NONE, SOLE, trace_packet
-from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
+from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, trace_packet
+from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST, WEIGHT_2
 from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
 
@@ -24,7 +24,6 @@ _float64 = types.float64
 BETWEEN = 16  # rays that each beam is held against
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 _CERTAIN_AXIS = 1.0 - 2.0**-30
-_CLEAR = 2.0**-20  # as tracer.integrators.corners asks
 
 
 class Beams(NamedTuple):
@@ -36,7 +35,7 @@ class Beams(NamedTuple):
 
 
 @kernel
-def _ask(tree, memory, origins, directions, ends, until_hit, answers, times):
+def _ask(tree, memory, opaque, materials, origins, directions, ends, until_hit, answers):
     base, packet = address_of(tree), (address_of(memory) + 63) & ~63
     for beam in range(origins.shape[0]):
         for corner in range(4):
@@ -55,11 +54,15 @@ def _ask(tree, memory, origins, directions, ends, until_hit, answers, times):
             alike = True
             for corner in range(4):
                 alike = alike and load(_int64, packet + 8 * corner + PRIMITIVE) == face
-                times[beam, corner] = load(_float64, packet + 8 * corner + T_BEST)
             if not alike:
                 face = int64(-1)
             answers[beam, 0] = face
-        answers[beam, 1] = trace_packet(base, packet, int64(15), int64(SOLE), int64(0), int64(0), int64(0))
+        for corner in range(4):
+            store(packet + 8 * corner + WEIGHT_2, 0.0)
+        mode = int64(SOLE + PENCIL) if ends[beam] == np.inf else int64(SOLE + ENDING)
+        answers[beam, 1] = trace_packet(
+            base, packet, int64(15), mode, address_of(opaque), address_of(materials), int64(0)
+        )
 
 
 def span(origins, directions, rng):
@@ -94,20 +97,32 @@ def wrong_answers(tree, vertices, faces, beams):
     wrong = told = 0
     corners = np.sort(vertices[faces].reshape(len(faces), 3, 3), axis=1)
     for until_hit in (False, True):
-        answers, times = np.empty((n, 2), np.int64), np.empty((n, 4))
+        answers = np.empty((n, 2), np.int64)
         memory = np.zeros(RAY_ROWS * 64 + 8)
-        _ask(tree, memory, beams.origins, beams.directions, beams.ends, until_hit, answers, times)
+        _ask(
+            tree,
+            memory,
+            np.zeros(3),
+            np.zeros(len(faces), np.int32),
+            beams.origins,
+            beams.directions,
+            beams.ends,
+            until_hit,
+            answers,
+        )
         for k in range(n):
             hit, sole = answers[k]
-            if sole < NONE or (until_hit and (hit < 0 or sole != hit)):
-                continue
-            if until_hit and np.isfinite(beams.ends[k]) and not _CLEAR < times[k].min() <= times[k].max() < 1 - _CLEAR:
+            ending = np.isfinite(beams.ends[k])
+            if sole < NONE or (until_hit and (ending or hit < 0 or sole != hit)):
                 continue
             told += 1
             o, d = beams.origins[k], beams.directions[k]
             _, first, counts = by_brute_force(vertices, faces, o, d, 0.0, beams.ends[k])
             if sole == NONE:
                 wrong += int((counts > 0).sum())
+            elif ending:
+                _, its, _ = by_brute_force(vertices, faces[sole : sole + 1], o, d, 0.0, beams.ends[k])
+                wrong += int((its < 0).sum())
             elif until_hit:
                 wrong += int((first != sole).sum())
             else:

@@ -129,7 +129,7 @@ MUTANTS = [
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
         "N2",
         "rays/packet.py",
-        "if (inside >> k) & 1 == 0 or (ended != NONE and not _coincide(place, row, packet, size)):",
+        "if verdict != ACROSS or (ended != NONE and not _coincide(place, row, packet, size)):",
         "if ended != NONE and not _coincide(place, row, packet, size):",
     ),
     Mutant(
@@ -142,16 +142,16 @@ MUTANTS = [
     Mutant(
         "dark-at-the-lamp-itself",
         "tests/numerics/test_corners.py",
-        "integrators/corners.py",
-        "return bool(all_lanes((t > splat(VECTOR, _CLEAR)) & (t < splat(VECTOR, 1.0 - _CLEAR))))",
-        "return True",
+        "rays/packet_corners.py",
+        "on_the_way = all_lanes((weighted > off) & (past < -off) & (total > total_off))",
+        "on_the_way = True",
     ),
     Mutant(
         "corners-of-other-pixels",
         "tests/tracer/integrators/test_integrators_corners.py::test_any_number_of_samples[12]",
         "render/blocks.py",
-        "_see_wave(view, ambient, scratch, pixels, pixel, min(part, n_pixels - pixel))",
-        "_see_wave(view, ambient, scratch, pixels, 0, min(part, n_pixels - pixel))",
+        "_see_wave(view, ambient, scratch, pixels, corner, n_part)",
+        "_see_wave(view, ambient, scratch, pixels, 0, n_part)",
     ),
     Mutant(
         "corners-a-pixel-short",

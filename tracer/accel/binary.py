@@ -8,6 +8,8 @@ Invariants: children have higher indices than their parent and stand side by sid
 contiguous; the depth is at most `MAX_DEPTH` - 1, because a node whose depth plus log2(count) reaches it is split in
 the middle from there on. The tree depends on the records' order alone, never on the number of threads.
 
+Three or four records are split in the best of all ways, without bins.
+
 Source: Wald 2007 (binning); the branch-free partition (Lomuto's, with the children's bounds fused in) is 1.3-2.4 times
 as fast as Hoare's.
 """
@@ -53,6 +55,7 @@ _AREAS_BYTES: Final = _BINS * 4
 _TASK_BYTES: Final = 64  # node, depth, centroid bounds
 _STACK_BYTES: Final = 96 * _TASK_BYTES
 _INF: Final = float("inf")
+_FEW: Final = 4  # records of which all splits are tried
 
 
 @inline
@@ -136,6 +139,44 @@ def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
     store(address_of(bounds) + RECORD_BYTES, centroids)
 
 
+@inline
+def _divide_few(records: int, count: int, spare: int) -> int:
+    """Put three or four records into the order in which they are split best; returns how many go to the left.
+
+    All ways are tried, the last record on the right: what bins would miss matters most where most nodes are.
+    """
+    infinite = splat(float32x8, _INF)
+    last = load(float32x8, records + (count - 1) * RECORD_BYTES)
+    best = np.float32(_INF)
+    best_set = 1
+    for chosen in range(1, 1 << (count - 1)):
+        left, right = infinite, last
+        n_left = 0
+        for k in range(count - 1):
+            record = load(float32x8, records + k * RECORD_BYTES)
+            if chosen >> k & 1:
+                left = minimum(left, record)
+                n_left += 1
+            else:
+                right = minimum(right, record)
+        cost = _half_area(left) * np.float32(n_left) + _half_area(right) * np.float32(count - n_left)
+        if cost < best:
+            best = cost
+            best_set = chosen
+    n_left = 0
+    for k in range(count):
+        store(spare + k * RECORD_BYTES, load(float32x8, records + k * RECORD_BYTES))
+        n_left += best_set >> k & 1
+    to_left, to_right = records, records + n_left * RECORD_BYTES
+    for k in range(count):
+        record = load(float32x8, spare + k * RECORD_BYTES)
+        goes_left = best_set >> k & 1
+        store(to_left if goes_left else to_right, record)
+        to_left += goes_left * RECORD_BYTES
+        to_right += (1 - goes_left) * RECORD_BYTES
+    return n_left
+
+
 @kernel
 def build_binary(
     records: Any, nodes: Any, root: int, depth: int, centroids: Any, first_free: int, stop: int, pending: Any
@@ -197,30 +238,35 @@ def build_binary(
             store(row + 32, bounds)
             n_pending += 1
             continue  # else there is no room to say so, and it is split here
-        extent = -_swapped(bounds) - bounds
-        n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
-        # just below n_bins, so that the upmost centroid falls into the last bin
-        scale = select(extent > zero, splat(float32x8, np.float32(n_bins) * np.float32(0.9999)) / extent, zero)
-        for axis in range(3):
-            for k in range(n_bins):
-                store(bins + axis * _ROW + k * RECORD_BYTES, infinite)
-                store(counts + (axis * _BINS + k) * 4, np.int32(0))
-        for i in range(start, start + count):
-            record = load(float32x8, record_base + i * RECORD_BYTES)
-            numbers = _bin_of(_centroid(record), bounds, scale)
-            for axis in range(3):
-                number = _int64(extract(numbers, axis))
-                slot = bins + axis * _ROW + number * RECORD_BYTES
-                store(slot, lesser_finite(load(float32x8, slot), record))
-                counter = counts + (axis * _BINS + number) * 4
-                store(counter, np.int32(load(_int32, counter) + np.int32(1)))
-        split_axis, split_bin = _sah_split(bins, counts, areas, n_bins, extent)
+        extent = zero
+        scale = zero
+        split_axis, split_bin = -1, 0
+        middle = start + count // 2
         if level + _log2_ceil(count) >= MAX_DEPTH - 1:
-            split_axis = -1  # from here on by halves, so that the depth stays bounded
+            pass  # from here on by halves, so that the depth stays bounded
+        elif count <= _FEW:
+            middle = start + _divide_few(record_base + start * RECORD_BYTES, count, bins)
+        else:
+            extent = -_swapped(bounds) - bounds
+            n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
+            # just below n_bins, so that the upmost centroid falls into the last bin
+            scale = select(extent > zero, splat(float32x8, np.float32(n_bins) * np.float32(0.9999)) / extent, zero)
+            for axis in range(3):
+                for k in range(n_bins):
+                    store(bins + axis * _ROW + k * RECORD_BYTES, infinite)
+                    store(counts + (axis * _BINS + k) * 4, np.int32(0))
+            for i in range(start, start + count):
+                record = load(float32x8, record_base + i * RECORD_BYTES)
+                numbers = _bin_of(_centroid(record), bounds, scale)
+                for axis in range(3):
+                    number = _int64(extract(numbers, axis))
+                    slot = bins + axis * _ROW + number * RECORD_BYTES
+                    store(slot, lesser_finite(load(float32x8, slot), record))
+                    counter = counts + (axis * _BINS + number) * 4
+                    store(counter, np.int32(load(_int32, counter) + np.int32(1)))
+            split_axis, split_bin = _sah_split(bins, counts, areas, n_bins, extent)
         left, right, left_centroids, right_centroids = infinite, infinite, infinite, infinite
-        middle = start
         if split_axis < 0:
-            middle = start + count // 2
             for i in range(start, middle):
                 record = load(float32x8, record_base + i * RECORD_BYTES)
                 left = minimum(left, record)
@@ -230,6 +276,7 @@ def build_binary(
                 right = minimum(right, record)
                 right_centroids = minimum(right_centroids, _centroid(record))
         else:
+            middle = start
             axis = splat(int32x8, split_axis)
             axis_bounds = permute(bounds, axis)
             axis_scale = permute(scale, axis)

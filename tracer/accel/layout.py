@@ -25,7 +25,7 @@ Invariants
 
 from typing import Final
 
-VERSION: Final = 2  # of this layout and of what the builder decides; part of every cache key
+VERSION: Final = 3  # of this layout and of what the builder decides; part of every cache key
 MAGIC: Final = 0x31564842494C4D53  # "SMLIBHV1" as little-endian bytes
 
 UNIT: Final = 32  # bytes; child words have 28 bits for an offset, so a buffer holds 8 GiB

@@ -189,7 +189,10 @@ def _records(
 def _binary_tree(
     records: NDArray[np.float32], boxes: NDArray[np.float32], run: Callable[..., Iterable[Any]]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Build the binary tree and its plan."""
+    """Build the binary tree and its plan.
+
+    Where tasks come one after another, each begins where the last one ended: the less memory is touched the better.
+    """
     n = len(records)
     nodes = empty_aligned((2 * n + 8 * _TASKS, 8), np.float32)
     plan = empty_aligned((len(nodes), 4), np.int32)
@@ -207,9 +210,11 @@ def _binary_tree(
     starts = top + 2 * (np.cumsum(counts) - counts)
     none = np.empty((0, 8))
     spare: list[NDArray[np.float32]] = []  # fresh memory costs more than what is written to it
+    free = top
 
     def task(i: int) -> None:
-        start = int(starts[i])
+        nonlocal free
+        start = free if run is map else int(starts[i])
         bounds = np.ascontiguousarray(centroids[i])
         root = int(roots[i])
         end, _ = build_binary(records, nodes, root, int(depths[i]), bounds, start, layout.STOP, none)
@@ -217,6 +222,7 @@ def _binary_tree(
         plan_nodes(nodes, start, end, below, start, below, start, plan)
         plan_nodes(nodes, root, root + 1, costs, 0, below, start, plan)
         spare.append(below)
+        free = end
 
     list(run(task, np.argsort(-counts, kind="stable").tolist()))
     # above the roots, which have their plan already

@@ -18,14 +18,16 @@ from tracer.simd import (
     float32x8,
     float64x4,
     float64x8,
+    from_bits,
+    int32x8,
     load,
     mask_to_bits,
     maximum,
     minimum,
     multiply_add,
-    select,
     splat,
     store,
+    to_bits,
 )
 from tracer.simd.gateway import types
 
@@ -42,6 +44,7 @@ CLOSEST: Final = 0
 ANY: Final = 1
 COUNT: Final = 2
 _INF: Final = float("inf")
+_SIGN_BIT: Final = -(2**31)
 
 # Scratch of `test_leaf`: t, U, V, W of each lane.
 TIMES: Final = 0
@@ -83,7 +86,8 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
 
     And it is when it lies before tmin: for the weights' mean m of z / d, the sum over U (z / d - tmin) is
     (m - tmin) (U + V + W), in float32 within (E + 2**-20 (|U| + |V| + |W|)) (|A.z| + |B.z| + |C.z| + 3 tmin) +
-    5 D (|U| + |V| + |W|), roundings included; the predicate's own t is off by less than those. A NaN stays.
+    5 D (|U| + |V| + |W|), roundings included; the predicate's own t is off by less than those. Where no edge function
+    sifts the triangle out, |U| + |V| + |W| is at most |U + V + W| + 4 E. A NaN stays.
     """
     row = n << (2 + wide)
     shear_x, shear_y = _coarse(state + s.COARSE_SHEAR), _coarse(state + s.COARSE_SHEAR + 4)
@@ -110,17 +114,15 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
     e = largest * multiply_add(largest, rounding, off)
     low = minimum(u, minimum(v, w))
     high = maximum(u, maximum(v, w))
-    out = (low < -e) & (high > e)
-    weight = (absolute(u) + absolute(v)) + absolute(w)
+    out = minimum(high, -low) > e
     total = (u + v) + w
-    ahead = (
-        multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN)
-        - _coarse(state + s.COARSE_ENTRY) * total
-    )
+    ahead = multiply_add(u, az, multiply_add(v, bz, w * cz)) * _coarse(state + s.COARSE_SIGN)
+    ahead = multiply_add(total, _coarse(state + s.COARSE_ENTRY), ahead)
+    behind = from_bits(to_bits(ahead) ^ (~to_bits(total) & splat(int32x8, _SIGN_BIT)))
+    weight = multiply_add(e, splat(float32x8, _float32(4.0)), absolute(total))
     depth = ((absolute(az) + absolute(bz)) + absolute(cz)) + _coarse(state + s.COARSE_ENTRY_3)
-    slack = multiply_add(weight, rounding, e) * depth + weight * off
-    zero = splat(float32x8, _float32(0.0))
-    out = out | (select(total < zero, -ahead, ahead) < -slack)
+    slack = multiply_add(weight, off, multiply_add(weight, rounding, e) * depth)
+    out = out | (behind > slack)
     return ~mask_to_bits(out) & ((1 << n) - 1)
 
 
@@ -269,7 +271,7 @@ def settle(wide: int, leaf: int, n: int, first: int, unsure: int, state: int, sc
 
 
 @inline
-def _take(wide: int, leaf: int, n: int, first: int, met: int, state: int, scratch: int, mode: int) -> bool:
+def take(wide: int, leaf: int, n: int, first: int, met: int, state: int, scratch: int, mode: int) -> bool:
     """Note what the lanes that are met bring; True when the ray's answer changed."""
     changed = False
     ids = leaf + 9 * (n << (2 + wide)) + 4 * first
@@ -287,9 +289,13 @@ def _take(wide: int, leaf: int, n: int, first: int, met: int, state: int, scratc
         if t < best or (t == best and primitive < load(_int64, state + s.BEST_ID)):
             store(state + s.BEST_ID, primitive if mode == CLOSEST else _int64(0))
             store(state + s.BEST_ORDER, word & ((1 << ORDER_BITS) - 1))
-            store(state + s.WEIGHTS, load(_float64, scratch + WEIGHTS + 8 * lane))
-            store(state + s.WEIGHTS + 8, load(_float64, scratch + WEIGHTS + 8 * (LANES + lane)))
-            store(state + s.WEIGHTS + 16, load(_float64, scratch + WEIGHTS + 8 * (2 * LANES + lane)))
+            u = load(_float64, scratch + WEIGHTS + 8 * lane)
+            v = load(_float64, scratch + WEIGHTS + 8 * (LANES + lane))
+            w = load(_float64, scratch + WEIGHTS + 8 * (2 * LANES + lane))
+            total = (u + v) + w
+            store(state + s.WEIGHTS, u / total)
+            store(state + s.WEIGHTS + 8, v / total)
+            store(state + s.WEIGHTS + 16, w / total)
             store(state + s.T_BEST, t)
             changed = True
     return changed
@@ -309,7 +315,7 @@ def visit_triangles(wide: int, leaf: int, n: int, left: int, state: int, scratch
         if met | unsure != 0:
             if unsure != 0:
                 met |= settle(wide, leaf, n, first, unsure, state, scratch)
-            if _take(wide, leaf, n, first, met, state, scratch, mode):
+            if take(wide, leaf, n, first, met, state, scratch, mode):
                 changed = True
     return changed
 
@@ -324,11 +330,10 @@ def visit_leaf(wide: int, leaf: int, n: int, state: int, scratch: int, mode: int
 def barycentrics(state: int) -> Any:
     """Return (u, v) of the state's hit: the weights of the face's second and third vertex, in the order given."""
     weights = state + s.WEIGHTS
-    total = (load(_float64, weights) + load(_float64, weights + 8)) + load(_float64, weights + 16)
     order = load(_int64, state + s.BEST_ORDER)
     second = (PLACE_1 >> (2 * order)) & 3
     third = (PLACE_2 >> (2 * order)) & 3
-    return load(_float64, weights + 8 * second) / total, load(_float64, weights + 8 * third) / total
+    return load(_float64, weights + 8 * second), load(_float64, weights + 8 * third)
 
 
 @inline

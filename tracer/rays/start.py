@@ -102,13 +102,14 @@ def _entry(p: Any, f: Any, h: Any, slop: Any, entry: Any, leave: Any) -> Any:
 
 
 @inline
-def _store_rows(states: int, field: int, a: Any, b: Any, c: Any, d: Any) -> None:
-    """Store four fields of four rays; ``states`` is the address of the states' four addresses."""
+def _store_rows(states: Any, field: int, a: Any, b: Any, c: Any, d: Any) -> None:
+    """Store four fields of four rays; ``states`` are the states' addresses."""
+    s0, s1, s2, s3 = states
     r0, r1, r2, r3 = transpose(a, b, c, d)
-    store(load(_int64, states) + field, r0)
-    store(load(_int64, states + 8) + field, r1)
-    store(load(_int64, states + 16) + field, r2)
-    store(load(_int64, states + 24) + field, r3)
+    store(s0 + field, r0)
+    store(s1 + field, r1)
+    store(s2 + field, r2)
+    store(s3 + field, r3)
 
 
 @inline
@@ -145,7 +146,7 @@ def as_intervals(ox: Any, oy: Any, oz: Any, dx: Any, dy: Any, dz: Any, t_min: An
 
 @inline
 def start_four(
-    states: int,
+    places: int,
     base: int,
     reach: float,
     origins: int,
@@ -159,7 +160,7 @@ def start_four(
 
     Parameters
     ----------
-    states
+    places
         Address of four int64, the states' addresses. STACK, STACK_TOP and RAY_INDEX are left to the caller.
     base
         Address of the tree.
@@ -170,6 +171,8 @@ def start_four(
     t_min, t_max
         float64x4.
     """
+    # once: a store might write to where they are read from
+    states = load(_int64, places), load(_int64, places + 8), load(_int64, places + 16), load(_int64, places + 24)
     ox, oy, oz = four_vectors(origins, wide_o)
     dx, dy, dz = four_vectors(directions, wide_d)
     valid, unit, fx, fy, fz, t_min, t_max = as_intervals(ox, oy, oz, dx, dy, dz, t_min, t_max)
@@ -248,7 +251,7 @@ def start_four(
         convert(_float32, sign),
         error * _f32(5.0),
     )
-    _store_rows(states, s.COARSE_ENTRY, nearest, nearest * _f32(3.0), nearest, nearest)
+    _store_rows(states, s.COARSE_ENTRY, -nearest, nearest * _f32(3.0), nearest, nearest)
 
 
 @inline

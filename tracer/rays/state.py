@@ -53,7 +53,7 @@ F_MIN: Final = 172  # float32: tmin in frame time
 P_NEAR: Final = 176  # float32: p - pad of three axes
 F_BEST: Final = 188  # float32: the nearest hit in frame time
 P_FAR: Final = 192  # float32: p + pad of three axes
-WEIGHTS: Final = 208  # float64: U, V, W of the nearest hit
+WEIGHTS: Final = 208  # float64: U, V, W of the nearest hit, over their sum
 BEST_ORDER: Final = 232  # int64: the number of the order that its vertices are sorted into
 STACK: Final = 240  # int64: address of the stack, and of its next free entry; set by the traversal
 STACK_TOP: Final = 248
@@ -64,7 +64,7 @@ COARSE_ERROR: Final = 284  # float32: what a coarse x or y can be off
 COARSE_SHEAR: Final = 288  # float32: -Sx, -Sy
 COARSE_SIGN: Final = 296  # float32: 1 where d.kz is negative, else -1
 COARSE_ERROR_5: Final = 300  # float32: 5 times COARSE_ERROR
-COARSE_ENTRY: Final = 304  # float32: T_MIN |d.kz|: tmin on the axis kz; and 3 times that
+COARSE_ENTRY: Final = 304  # float32: minus T_MIN |d.kz|, tmin on the axis kz; and 3 times T_MIN |d.kz|
 COARSE_ENTRY_3: Final = 308
 
 NEAR_AND_FAR: Final = (96, 160, 224)  # near row + far row of each axis

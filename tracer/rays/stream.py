@@ -1,9 +1,11 @@
 """Many rays in flight through the wide tree, so that waiting for memory and for branches of one ray serves others.
 
 Each ray has a state and a stack of its own. Rays whose next stop is a node stand in one list, those at a leaf in a
-second, those that are done in a third; a round goes through each list once, takes every ray one step further and asks
-for the memory of its next stop. A node's step has no branch that depends on the ray: the eight keys are sorted by
-a network, missed children last, all are written, and the stack grows by those that were met.
+second, those of whose leaf a triangle may be met in a third, those that are done in a fourth. A round goes through each
+list, the first until few rays are left in it, takes every ray one step further and asks for the memory of its next
+stop. A node's step has no branch that depends on the ray: the eight keys are sorted by a network, missed children last,
+all are written, and the stack grows by those that were met. Triangles are decided for four rays at a time
+(:mod:`tracer.rays.leaf_four`); a ray waits for three others as long as there is something else to do.
 
 Invariant: the answer is that of :mod:`tracer.rays.single`, bit for bit: a leaf decides alike on every path, and what is
 left is the least (t, id), in whatever order leaves are visited.
@@ -14,7 +16,8 @@ from typing import Any, Final
 from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, LEAF_SCRATCH_BYTES, finish, sift_leaf, visit_triangles
+from tracer.rays.leaf import CLOSEST, LEAF_SCRATCH_BYTES, finish, sift_leaf
+from tracer.rays.leaf_four import RAYS, leaf_of, visit_next
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
@@ -43,7 +46,8 @@ _float32: Final = types.float32
 _int32: Final = types.int32
 _int64: Final = types.int64
 
-IN_FLIGHT: Final = 32
+IN_FLIGHT: Final = 40
+_FEW: Final = 8  # rays at nodes at which they wait for the others: a list's end costs a mispredicted branch, too
 # Near distances, then child words; an odd number of cache lines, so that the stacks' bottoms do not share L1 sets.
 _WORDS: Final = (4 * STACK_ENTRIES + 63) // 64 * 64
 _STACK_BYTES: Final = 2 * _WORDS + 64 * (1 - (2 * _WORDS // 64) % 2)
@@ -141,12 +145,33 @@ def _without_overtaken(state: int, top: int) -> Any:
 
 
 @inline
-def _enlist(word: int, state: int, nodes: int, leaves: int) -> Any:
+def _enlist(word: int, state: int, nodes: int, leaves: int, done: int) -> Any:
     """Append a ray to the list of its next stop, without a branch; returns the lists' new ends."""
     store(nodes, state)
     store(leaves, state)
-    is_leaf = word >> 63  # -1 or 0
-    return nodes + 8 + 8 * is_leaf, leaves - 8 * is_leaf
+    store(done, state)
+    is_end = 8 * _int64(word == END)
+    is_leaf = -8 * (word >> 63)
+    return nodes + 8 - is_leaf, leaves + is_leaf - is_end, done + is_end
+
+
+@inline
+def _sort_out(candidates: int, state: int, found: int, ready: int) -> Any:
+    """Note a ray's candidates, and append it to those with any or to those without; returns the lists' new ends."""
+    store(state + s.CANDIDATES, candidates)
+    store(found, state)
+    store(ready, state)
+    nothing = 8 * _int64(candidates == 0)
+    return found + 8 - nothing, ready + nothing
+
+
+@inline
+def _expect(outputs: Any, i: int) -> None:
+    """Ask for the memory that the answer of ray i will be written to."""
+    prefetch(outputs[0] + 8 * i)
+    prefetch(outputs[1] + 4 * i)
+    prefetch(outputs[2] + 8 * i)
+    prefetch(outputs[3] + 8 * i)
 
 
 @kernel
@@ -182,6 +207,7 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
     done = stack_memory(_LIST_BYTES)
     free = stack_memory(_LIST_BYTES)
     found = stack_memory(_LIST_BYTES)
+    ready = stack_memory(_LIST_BYTES)
     rest = stack_memory(SCRATCH_BYTES)
     scratch = stack_memory(LEAF_SCRATCH_BYTES)
     for k in range(IN_FLIGHT):
@@ -191,10 +217,10 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
         store(state + s.STACK, stack)
         store(stack, _int32(_BOTTOM))
         store(stack + _WORDS, _int32(END))
-    nodes_end, leaves_end = nodes, leaves
+    nodes_end, leaves_end, found_end, done_end = nodes, leaves, found, done
     free_end = free + 8 * IN_FLIGHT
     i = start
-    while True:
+    while i < end or free_end < free + 8 * IN_FLIGHT:
         while i < end and free_end >= free + 8 * LANES:
             free_end -= 8 * LANES
             count = min(end - i, LANES)
@@ -203,54 +229,47 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
                 store(state + s.RAY_INDEX, load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k)
-                nodes_end, leaves_end = _enlist(load(_int64, state + s.NODE), state, nodes_end, leaves_end)
+                word = load(_int64, state + s.NODE)
+                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+            for k in range(count, LANES):  # behind the last ray
+                store(free_end + 8 * (k - count), load(_int64, free_end + 8 * k))
+            free_end += 8 * (LANES - count)
+            if mode == CLOSEST:
+                _expect(outputs, load(_int64, listed + 8 * i) if listed != 0 else i)
             i += count
-        if nodes_end == nodes and leaves_end == leaves:
-            return
-        last, nodes_end = nodes_end, nodes
-        for place in range(nodes, last, 8):
-            state = load(_int64, place)
-            word = _go_to(base, state, _visit_node(base, state))
-            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
-        last, leaves_end, done_end = leaves_end, leaves, done
+        while True:
+            last, nodes_end = nodes_end, nodes
+            for place in range(nodes, last, 8):
+                state = load(_int64, place)
+                word = _go_to(base, state, _visit_node(base, state))
+                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+            if nodes_end <= nodes + 8 * _FEW:
+                break
+        last, leaves_end, ready_end = leaves_end, leaves, ready
         for place in range(leaves, last, 8):
             state = load(_int64, place)
-            store(leaves_end, state)
-            store(done_end, state)
-            is_done = _int64(load(_int64, state + s.NODE) == END)
-            leaves_end += 8 * (1 - is_done)
-            done_end += 8 * is_done
-        last, leaves_end, found_end = leaves_end, leaves, found
-        for place in range(leaves, last, 8):
-            state = load(_int64, place)
-            word = load(_int64, state + s.NODE)
-            candidates = sift_leaf(wide, base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1, state)
-            store(state + s.CANDIDATES, candidates)
-            store(found_end, state)
-            store(leaves_end, state)
-            nothing = _int64(candidates == 0)
-            found_end += 8 * (1 - nothing)
-            leaves_end += 8 * nothing
-        for place in range(found, found_end, 8):
-            state = load(_int64, place)
-            word = load(_int64, state + s.NODE)
-            leaf = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-            if visit_triangles(wide, leaf, (word & 7) + 1, load(_int64, state + s.CANDIDATES), state, scratch, mode):
-                if mode == ANY:
-                    store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
-                else:
-                    s.update_frame_best(state)
-        last, leaves_end = leaves_end, leaves
-        for place in range(leaves, last, 8):
+            leaf, n = leaf_of(base, load(_int64, state + s.NODE))
+            found_end, ready_end = _sort_out(sift_leaf(wide, leaf, n, state), state, found_end, ready_end)
+        others = nodes_end - nodes + (ready_end - ready) + (done_end - done)
+        enough = found + 8 * (RAYS if others > 0 else 1)
+        while found_end >= enough:
+            count = min((found_end - found) // 8, RAYS)
+            found_end -= 8 * count
+            first, last = found_end, found_end + 8 * count
+            for place in range(last, first + 8 * RAYS, 8):
+                store(place, load(_int64, first))
+            visit_next(wide, base, first, count, scratch, mode)
+            for place in range(first, last, 8):
+                state = load(_int64, place)
+                candidates = load(_int64, state + s.CANDIDATES)
+                found_end, ready_end = _sort_out(candidates & (candidates - 1), state, found_end, ready_end)
+        for place in range(ready, ready_end, 8):
             state = load(_int64, place)
             word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
-            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
-        for place in range(found, found_end, 8):
-            state = load(_int64, place)
-            word = _go_to(base, state, _without_overtaken(state, load(_int64, state + s.STACK_TOP)))
-            nodes_end, leaves_end = _enlist(word, state, nodes_end, leaves_end)
+            nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
         for place in range(done, done_end, 8):
             state = load(_int64, place)
             finish(state, load(_int64, state + s.RAY_INDEX), mode, outputs)
             store(free_end, state)
             free_end += 8
+        done_end = done
