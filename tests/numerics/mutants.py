@@ -147,6 +147,27 @@ MUTANTS = [
         "on_the_way = True",
     ),
     Mutant(
+        "mirror-of-any-normal",  # what a tilted normal mirrors does not come from one point
+        "tests/tracer/integrators/test_integrators_corners.py::test_a_mirror_with_a_normal_of_its_own_is_asked_ray_by_ray",
+        "integrators/corners.py",
+        "_SAME: Final = 2.0**-50",
+        "_SAME: Final = 2.0**1",
+    ),
+    Mutant(
+        "samples-out-of-order",
+        "tests/tracer/integrators/test_integrators_corners.py::test_a_mesh_finer_than_pixels",
+        "render/blocks.py",
+        "store(points + 2 * ROW + 8 * place, k)",
+        "store(points + 2 * ROW + 8 * place, place)",
+    ),
+    Mutant(
+        "apart-by-no-margin",  # a triangle that ends at the corner ray itself
+        "N2",
+        "rays/packet_corners.py",
+        "_EDGE: Final = 2.0**-46",
+        "_EDGE: Final = -(2.0**-10)",
+    ),
+    Mutant(
         "corners-of-other-pixels",
         "tests/tracer/integrators/test_integrators_corners.py::test_any_number_of_samples[12]",
         "render/blocks.py",

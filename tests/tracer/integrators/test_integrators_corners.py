@@ -48,6 +48,7 @@ def both(scene):
     np.testing.assert_array_equal(films[0], films[1])
     shared, full = counters
     assert full["primary_rays_skipped_shared"] == full["shadow_rays_skipped_shared"] == 0
+    assert full["reflection_rays_skipped_shared"] == 0
     assert shared["shadow_rays"] + shared["shadow_rays_skipped_shared"] == full["shadow_rays"]
     for name in ("reflection_rays", "transmission_rays", "shadow_rays_skipped_facing", "shadow_rays_skipped_black"):
         assert shared[name] == full[name]
@@ -204,3 +205,90 @@ def test_without_shadows_every_lamp_reaches_all():
     counters = both(scene)
     assert counters["shadow_rays_skipped_shared"] == counters["shadow_rays"] == 0
     assert counters["primary_rays_skipped_shared"] == counters["primary_rays"]
+
+
+def test_a_flat_mirror_sends_all_on_to_one_wall():
+    """All that the mirror shows is one wall behind the eye, lit by one lamp."""
+    scene = build(
+        quads=[(WALL, material(kd=0.0, kr=0.8)), (SCREEN, material(kd=0.7, ke=0.1))],
+        lights=[point((0.5, 0.3, -1.0))],
+        light_kind=[LIGHT_KIND_POINT],
+        settings=settings(width=64, height=64, samples=16, depth=2),
+        camera=NARROW,
+    )
+    counters = both(scene)
+    assert counters["reflection_rays"] == counters["primary_rays"]
+    assert counters["reflection_rays_skipped_shared"] == counters["reflection_rays"]
+    assert counters["shadow_rays_skipped_shared"] > 0.5 * counters["reflection_rays"]
+
+
+def test_a_mirror_with_a_normal_of_its_own_is_asked_ray_by_ray():
+    """Its shading normal is the same all over, but not the plane's: mirrored rays do not come from one point."""
+    normals = np.tile([0.1, 0.0, 1.0], (8, 1))
+    scene = build(
+        quads=[(WALL, material(kd=0.0, kr=0.8)), (SCREEN, material(ke=0.1))],
+        vertex_normals=normals,
+        face_flags=np.array([FACE_HAS_NORMALS, FACE_HAS_NORMALS, 0, 0], np.uint8),
+        settings=settings(width=64, height=64, samples=16, depth=2),
+        camera=NARROW,
+    )
+    counters = both(scene)
+    assert counters["reflection_rays"] > 0
+    assert counters["reflection_rays_skipped_shared"] == 0
+
+
+def test_a_floor_that_goes_on_behind_does_not_count():
+    """The floor's box and outline hold the beam; where the beam meets its plane is behind the panel."""
+    floor = [[-400, -1, 90], [400, -1, 90], [0, -1, -900], [-400, -1, -900]]
+    panel = [[-300, -0.9, -3], [300, -0.9, -3], [300, 90, -3], [-300, 90, -3]]
+    below = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, -0.2, 0.2, -0.28, -0.05, 1]
+    scene = build(
+        quads=[(floor, material(kd=0.7)), (panel, material(kd=0.7))],
+        settings=settings(width=64, height=64, samples=16),
+        camera=below,
+    )
+    counters = both(scene)
+    assert counters["primary_rays_skipped_shared"] > 0.8 * counters["primary_rays"]
+
+
+def test_shadow_by_a_block_of_several_faces():
+    """None of the block's faces hides the lamp from all of the floor; where one hides it from a wave, it speaks for it."""
+    low, high = np.array([-2.0, -2.0, -3.5]), np.array([2.0, 2.0, -2.5])
+    block = []
+    for axis in range(3):
+        for side in (low, high):
+            corner = np.array([[low[0], low[1], low[2]]] * 4)
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            corner[:, axis] = side[axis]
+            corner[1:3, u], corner[2:, v] = high[u], high[v]
+            block.append((corner, material()))
+    eye = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.9, 1.4, -0.25, 0.25, 1]
+    scene = build(
+        quads=[(WALL, material(kd=0.7)), *block],
+        lights=[point((-4.5, 0.3, -2.0))],
+        light_kind=[LIGHT_KIND_POINT],
+        settings=settings(width=96, height=96, samples=16),
+        camera=eye,
+    )
+    counters = both(scene)
+    assert counters["shadow_rays_skipped_shared"] > 0.5 * counters["primary_rays"]
+
+
+def test_a_mesh_finer_than_pixels():
+    """Samples travel in another order there; their sums do not tell."""
+    rng = np.random.default_rng(5)
+    n = 96
+    x, y = np.meshgrid(np.linspace(-2.2, 2.2, n + 1), np.linspace(-2.2, 2.2, n + 1), indexing="ij")
+    points = np.stack([x, y, -4 + 0.05 * rng.random(x.shape)], -1)
+    cells = [
+        [points[i, j], points[i + 1, j], points[i + 1, j + 1], points[i, j + 1]] for i in range(n) for j in range(n)
+    ]
+    for samples in (16, 20, 64):
+        scene = build(
+            quads=[(cell, material(kd=0.6, kr=0.3)) for cell in cells] + [(SCREEN, material(kd=0.5))],
+            lights=[point((0.5, 0.3, -1.0))],
+            light_kind=[LIGHT_KIND_POINT],
+            settings=settings(width=24, height=24, samples=samples, depth=2),
+            camera=NARROW,
+        )
+        both(scene)

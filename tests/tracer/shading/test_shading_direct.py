@@ -1,16 +1,19 @@
 """Direct light of 64 hits, against equations 11, 12 and 16 and the attenuation in plain numpy."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from tests.tracer.render.hand_made import material
 from tests.tracer.shading.hits import Packet, add, face
+from tracer.jit import kernel
 from tracer.rays.predicate import shear_of
-from tracer.rays.rows import AXIS, LIGHT, ORIGIN, PACKET, SHEAR, SKIP, SPEED, T_BEST
+from tracer.rays.rows import AXIS, LIGHT, ORIGIN, PACKET, SHEAR, SKIP, SPEED, T_BEST, VECTOR
 from tracer.rays.spawn import offset_origin
 from tracer.render.tiny import make_scene
+from tracer.shading.direct import raise_cosine
 from tracer.shading.lights import BEFORE_LIGHT, shadow_ray
 from tracer.shading.rows import (
     ATTENUATION,
@@ -25,6 +28,7 @@ from tracer.shading.rows import (
     SPECULAR,
     START,
 )
+from tracer.simd import address_of, load, store
 from tracer.types import (
     LIGHT_DIFFUSE,
     LIGHT_DIRECTION,
@@ -41,6 +45,42 @@ from tracer.types import (
 
 KINDS = (LIGHT_KIND_DIRECTIONAL, LIGHT_KIND_POINT, LIGHT_KIND_SPOT)
 INNER, OUTER = math.cos(math.radians(20)), math.cos(math.radians(50))
+
+
+@kernel
+def _raise(values, exponents, results):
+    for k in range(0, len(values), 4):
+        store(
+            address_of(results) + 8 * k,
+            raise_cosine(load(VECTOR, address_of(values) + 8 * k), load(VECTOR, address_of(exponents) + 8 * k)),
+        )
+
+
+def test_highlights_by_squaring():
+    """Against exact rationals where the exponent is an integer up to 1024, else within 2 units of what numpy gives."""
+    rng = np.random.default_rng(3)
+    x = np.concatenate([[0.0, 1.0, 0.5, 1.0 - 2.0**-53], 1.0 - 10.0 ** rng.uniform(-12, -0.3, 796)])
+    s = np.concatenate(
+        [[1.0, 1024.0, 3.0, 1023.0], rng.choice([0, 1, 2, 7, 120, 400, 1000, 1024, 0.5, 20.25, 3e4], 796)]
+    )
+    results = np.empty(len(x))
+    _raise(x, s, results)
+    for value, exponent, result in zip(x.tolist(), s.tolist(), results.tolist(), strict=True):
+        if exponent == int(exponent) and exponent <= 1024:
+            exact = Fraction(value) ** int(exponent)
+            room = 2 * exponent * Fraction(2) ** -53 * exact + Fraction(2) ** -1070
+            assert abs(Fraction(result) - exact) <= room, (value, exponent)
+        else:
+            np.testing.assert_allclose(result, value**exponent, rtol=2.0**-50)
+
+
+def test_highlights_do_not_depend_on_their_neighbours():
+    x, s = np.full(4, 0.9), np.array([120.0, 0.5, 7.0, 2000.0])
+    together, alone = np.empty(4), np.empty(4)
+    _raise(x, s, together)
+    for k in range(4):
+        _raise(x, np.full(4, s[k]), alone)
+        assert alone[k] == together[k]
 
 
 def unit(a):
