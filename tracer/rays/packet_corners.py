@@ -7,8 +7,10 @@ A beam's bounding lines (:mod:`tracer.rays.packet_cut`) are coarse beside that: 
 outline surrounds the beam; a wall goes on beside the place that a ray leaves.
 
 Invariant: a thing is said only where it holds by more than rounding can amount to. With Q the largest difference of
-coordinates, a sheared one is off by less than 4 eps Q, an edge function by 20 eps Q**2, eps = 2**-53; the predicate's
-own bound (:data:`tracer.rays.predicate.CERTAIN`) is less.
+coordinates, a sheared one is off by less than 4 eps Q, an edge function by 20 eps Q**2, eps = 2**-53. And the rays
+between are not quite there: with R the largest coordinate of an origin, these are off by less than 32 eps (Q + R),
+which moves an edge function by 256 eps (Q + R) Q. The predicate's own bound (:data:`tracer.rays.predicate.CERTAIN`) is
+less.
 """
 
 from typing import Any, Final
@@ -16,7 +18,7 @@ from typing import Any, Final
 from tracer.jit import inline, kernel
 from tracer.rays.packet_leaf import sheared, stack_of_nine
 from tracer.rays.predicate import TINY
-from tracer.rays.rows import ROW, SHEAR, T_BEST, VECTOR, WEIGHT_2
+from tracer.rays.rows import ORIGIN, ROW, SHEAR, T_BEST, VECTOR, WEIGHT_2
 from tracer.simd import absolute, all_lanes, load, maximum, select, splat, stand_alone
 from tracer.simd.gateway import types
 
@@ -30,7 +32,7 @@ PARALLEL: Final = 3  # from a plane, endless
 APART: Final = 0  # answers: no ray meets it on its way
 ACROSS: Final = 1  # all rays pass within its edges and, but for a pencil, on their way
 UNSURE: Final = 2
-_EDGE: Final = 2.0**-46  # of Q**2: what an edge function is off, and room
+_EDGE: Final = 2.0**-44  # of Q (Q + R): what an edge function is off, and room
 _CLEAR: Final = 2.0**-30  # of the way, besides
 
 
@@ -69,7 +71,11 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
     q = maximum(maximum(absolute(az), absolute(bz)), absolute(cz))
     q = maximum(q, maximum(maximum(absolute(ax), absolute(bx)), absolute(cx)))
     q = maximum(q, maximum(maximum(absolute(ay), absolute(by)), absolute(cy)))
-    edge = q * q * splat(VECTOR, _EDGE) + splat(VECTOR, TINY)
+    r = absolute(load(VECTOR, packet + ORIGIN))
+    r = maximum(
+        r, maximum(absolute(load(VECTOR, packet + ORIGIN + ROW)), absolute(load(VECTOR, packet + ORIGIN + 2 * ROW)))
+    )
+    edge = q * (q + r) * splat(VECTOR, _EDGE) + splat(VECTOR, TINY)
     u_down, u_up = _signs(u, edge)
     v_down, v_up = _signs(v, edge)
     w_down, w_up = _signs(w, edge)
@@ -79,7 +85,7 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
     total = (u + v) + w
     weighted = (u * ta + v * tb) + w * tc  # t times the total
     total_off = edge * splat(VECTOR, 4.0)
-    weighted_off = edge * splat(VECTOR, 8.0) * maximum(maximum(absolute(ta), absolute(tb)), absolute(tc))
+    weighted_off = edge * splat(VECTOR, 8.0) * (absolute(shear_z) * q)
     clear = splat(VECTOR, _CLEAR)
     zero = splat(VECTOR, 0.0)
     negative = total < zero
