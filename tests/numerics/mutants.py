@@ -129,8 +129,8 @@ MUTANTS = [
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
         "N2",
         "rays/packet.py",
-        "if verdict != ACROSS or (ended != NONE and not _coincide(place, row, packet, size)):",
-        "if ended != NONE and not _coincide(place, row, packet, size):",
+        "if verdict != ACROSS or (ended != NONE and not coincide(place, row, packet, size)):",
+        "if ended != NONE and not coincide(place, row, packet, size):",
     ),
     Mutant(
         "covered-but-not-certain",  # the predicate would have decided such rays exactly
@@ -156,7 +156,7 @@ MUTANTS = [
     Mutant(
         "samples-out-of-order",
         "tests/tracer/integrators/test_integrators_corners.py::test_a_mesh_finer_than_pixels",
-        "render/blocks.py",
+        "render/places.py",
         "store(points + 2 * ROW + 8 * place, k)",
         "store(points + 2 * ROW + 8 * place, place)",
     ),
@@ -164,7 +164,7 @@ MUTANTS = [
         "apart-by-no-margin",  # a triangle that ends at the corner ray itself
         "N2",
         "rays/packet_corners.py",
-        "_EDGE: Final = 2.0**-46",
+        "_EDGE: Final = 2.0**-44",
         "_EDGE: Final = -(2.0**-10)",
     ),
     Mutant(

@@ -60,23 +60,18 @@ from tracer.rays.beam import (
     survey,
     survey_pencil,
 )
-from tracer.rays.packet_corners import ACROSS, APART, judge_triangle
+from tracer.rays.packet_corners import ACROSS, APART, coincide, judge_triangle
 from tracer.rays.packet_cut import cut_leaf
-from tracer.rays.packet_leaf import coordinate, meet_triangle, meet_within
+from tracer.rays.packet_leaf import meet_triangle, meet_within
+from tracer.rays.packet_shade import dim, lets_nothing_through
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
     LANES,
-    LIGHT,
-    NIBBLE,
-    ROW,
     SKIP,
     STEP,
-    VECTOR,
     VECTORS,
     WEIGHT_1,
-    mask_of,
-    put,
 )
 from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups
 from tracer.rays.tile_beam import groups_of
@@ -166,23 +161,6 @@ def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
         store(slot, entry)
         top += 8
     return top
-
-
-@inline
-def _lets_nothing_through(material: int) -> bool:
-    """Tell whether kt, at an address, is black."""
-    red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
-    return bool(red <= 0.0 and green <= 0.0 and blue <= 0.0)
-
-
-@inline
-def _coincide(place: int, row: int, packet: int, size: int) -> bool:
-    """Tell whether a triangle has the vertices of the one that SOLE has found: then the lower id counts."""
-    other, other_row = load(_int64, packet + WEIGHT_1), load(_int64, packet + WEIGHT_1 + 8)
-    same = True
-    for k in range(9):
-        same = same and coordinate(place + k * row, size) == coordinate(other + k * other_row, size)
-    return same
 
 
 @kernel
@@ -364,14 +342,14 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                         continue
                     if kind != packet_corners.PENCIL:  # what darkens all needs not be alone
                         material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
-                        if verdict == ACROSS and _lets_nothing_through(material):
+                        if verdict == ACROSS and lets_nothing_through(material):
                             return face >> ORDER_BITS
                         ended = _int64(SEVERAL)
                         tries += 1
                         if tries > _TRIES:
                             return ended
                         continue
-                    if verdict != ACROSS or (ended != NONE and not _coincide(place, row, packet, size)):
+                    if verdict != ACROSS or (ended != NONE and not coincide(place, row, packet, size)):
                         return _int64(SEVERAL)
                     if ended == NONE or face >> ORDER_BITS < ended:
                         ended = face >> ORDER_BITS
@@ -410,7 +388,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     alive = groups_of(active)
                 elif mode == SHADE and met != 0:
                     material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
-                    dark = _dim(packet, met, material)
+                    dark = dim(packet, met, material)
                     ended |= dark
                     active &= ~dark
                     alive = groups_of(active)
@@ -431,25 +409,3 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             if (entry >> 32) <= limit:
                 break
         word = _int64(_int32(entry))
-
-
-@inline
-def _dim(packet: int, lanes: int, material: int) -> Any:
-    """Multiply the light of some rays by a material's kt; returns those left in the dark."""
-    red, green, blue = load(_float64, material), load(_float64, material + 8), load(_float64, material + 16)
-    dark = _int64(0)
-    zero = splat(VECTOR, 0.0)
-    for i in range(VECTORS):
-        bits = (lanes >> (LANES * i)) & NIBBLE
-        if bits == 0:
-            continue
-        mask = mask_of(lanes, i)
-        at = packet + LIGHT + STEP * i
-        r = load(VECTOR, at) * splat(VECTOR, red)
-        g = load(VECTOR, at + ROW) * splat(VECTOR, green)
-        b = load(VECTOR, at + 2 * ROW) * splat(VECTOR, blue)
-        put(at, mask, r)
-        put(at + ROW, mask, g)
-        put(at + 2 * ROW, mask, b)
-        dark |= (bits & mask_to_bits((r <= zero) & (g <= zero) & (b <= zero))) << (LANES * i)
-    return dark

@@ -16,9 +16,9 @@ less.
 from typing import Any, Final
 
 from tracer.jit import inline, kernel
-from tracer.rays.packet_leaf import sheared, stack_of_nine
+from tracer.rays.packet_leaf import coordinate, sheared, stack_of_nine
 from tracer.rays.predicate import TINY
-from tracer.rays.rows import ORIGIN, ROW, SHEAR, T_BEST, VECTOR, WEIGHT_2
+from tracer.rays.rows import ORIGIN, ROW, SHEAR, T_BEST, VECTOR, WEIGHT_1, WEIGHT_2
 from tracer.simd import absolute, all_lanes, load, maximum, select, splat, stand_alone
 from tracer.simd.gateway import types
 
@@ -114,3 +114,13 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
             return _int64(APART)
         on_the_way = all_lanes((total > total_off) & (weighted > off + clear * total * q))
     return _int64(ACROSS if within and on_the_way else UNSURE)
+
+
+@inline
+def coincide(place: int, row: int, packet: int, size: int) -> bool:
+    """Tell whether a triangle has the vertices of the one that SOLE has found: then the lower id counts."""
+    other, other_row = load(_int64, packet + WEIGHT_1), load(_int64, packet + WEIGHT_1 + 8)
+    same = True
+    for k in range(9):
+        same = same and coordinate(place + k * row, size) == coordinate(other + k * other_row, size)
+    return same

@@ -11,7 +11,6 @@ The cancel flag is read before every wave, so a cancel is seen within a few mill
 Sources: Morton 1966 (Z curve). See ARCHITECTURE.md, "Three seams".
 """
 
-import math
 from typing import Any, Final
 
 import numpy as np
@@ -42,10 +41,10 @@ from tracer.rays.rows import (
     VECTOR,
     shear_lanes,
 )
+from tracer.render.places import order_samples, place_samples
 from tracer.sampling.hashing import pixel_key
-from tracer.sampling.lanes import fill_samples
 from tracer.shading.rows import DEPTH, DIRECTION, FROM, HIT_ROWS, SAMPLE, THROUGHPUT
-from tracer.simd import address_of, int32x4, iota, load, splat, stack_memory, store
+from tracer.simd import address_of, iota, load, splat, stack_memory, store
 from tracer.simd.gateway import types
 from tracer.types import (
     BLOCK_PX,
@@ -58,8 +57,6 @@ from tracer.types import (
     SETTING_CROP_Y,
     SETTING_HEIGHT,
     SETTING_MAX_DEPTH,
-    SETTING_SAMPLER,
-    SETTING_SAMPLES,
     SETTING_SEED,
     SETTING_SKIP,
     SETTING_WIDTH,
@@ -79,111 +76,12 @@ _SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
 _HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
 _ORDER_BYTES: Final = 8 * PACKET
-_FINE: Final = 4  # cells a side that a pixel is divided into where it fills a packet, else 2
-_CELLS_BYTES: Final = 8 * _FINE * _FINE
-_WORD_BYTES: Final = 4 * PACKET
 
 
 @inline
 def _even_bits(code: int) -> int:
     """Gather bits 0, 2, 4, 6: a coordinate on the Z curve."""
     return (code & 1) | ((code >> 1) & 2) | ((code >> 2) & 4) | ((code >> 3) & 8)
-
-
-@kernel
-def _place_samples(
-    settings: Any, pixels: Any, first_pixel: int, first: int, n: int, per_pixel: int, points: int, places: int
-) -> None:
-    """Find where up to 64 samples lie in the picture.
-
-    Parameters
-    ----------
-    settings
-        The scene's.
-    pixels
-        Flat int64: x, y and key of each pixel of the wave.
-    first_pixel, first
-        Pixel and sample of the first.
-    n, per_pixel
-        Samples; those of a pixel in this wave. The next pixel follows when one's are through.
-    points
-        Address of two rows of scratch.
-    places
-        Address of two rows, written: x and y in pixels from the top left corner of the full image.
-    """
-    sampler, n_samples = settings[SETTING_SAMPLER], settings[SETTING_SAMPLES]
-    keys = stack_memory(_WORD_BYTES)
-    indices = stack_memory(_WORD_BYTES)
-    pixel, index = 3 * first_pixel, first
-    if per_pixel % LANES == 0 and n % LANES == 0:  # four samples of one pixel at a time
-        following = iota(int32x4)
-        for k in range(0, n, LANES):
-            store(keys + 4 * k, splat(int32x4, _int32(pixels[pixel + 2])))
-            store(indices + 4 * k, following + splat(int32x4, _int32(index)))
-            store(places + 8 * k, splat(VECTOR, _float64(pixels[pixel])))
-            store(places + ROW + 8 * k, splat(VECTOR, _float64(pixels[pixel + 1])))
-            index += LANES
-            if index == first + per_pixel:
-                pixel, index = pixel + 3, first
-    else:
-        for k in range(n):
-            store(keys + 4 * k, _int32(pixels[pixel + 2]))
-            store(indices + 4 * k, _int32(index))
-            store(places + 8 * k, _float64(pixels[pixel]))
-            store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
-            index += 1
-            if index == first + per_pixel:
-                pixel, index = pixel + 3, first
-    fill_samples(sampler, n_samples, n, keys, indices, points, points + ROW)
-    for k in range(0, 8 * n, STEP):
-        store(places + k, load(VECTOR, places + k) + load(VECTOR, points + k))
-        store(places + ROW + k, load(VECTOR, places + ROW + k) + load(VECTOR, points + ROW + k))
-
-
-@inline
-def _order_samples(x: int, y: int, n: int, per_pixel: int, points: int, numbers: int) -> None:
-    """Bring the samples of each pixel that lie near each other together, so that four rays at a time go the same way.
-
-    Parameters
-    ----------
-    x, y
-        Addresses of rows of float64, places in the picture; put in order.
-    n, per_pixel
-        Up to 64 samples; those of a pixel here.
-    points
-        Address of two rows of scratch.
-    numbers
-        Address of int64: where each sample stood before.
-    """
-    cells = stack_memory(_CELLS_BYTES)
-    fine = per_pixel >= PACKET
-    side = _FINE if fine else 2
-    for first in range(0, n, per_pixel):
-        for cell in range(side * side):
-            store(cells + 8 * cell, _int64(0))
-        for k in range(first, first + per_pixel):
-            u, v = load(_float64, x + 8 * k), load(_float64, y + 8 * k)
-            column, row = _int64((u - math.floor(u)) * side), _int64((v - math.floor(v)) * side)
-            # cells follow each other to and fro
-            cell = row * side + (column if row & 1 == 0 else side - 1 - column)
-            store(numbers + 8 * k, cell)
-            store(points + 8 * k, u)
-            store(points + ROW + 8 * k, v)
-            store(cells + 8 * cell, load(_int64, cells + 8 * cell) + 1)
-        place = first
-        for cell in range(side * side):
-            count = load(_int64, cells + 8 * cell)
-            store(cells + 8 * cell, place)
-            place += count
-        for k in range(first, first + per_pixel):
-            cell = cells + 8 * load(_int64, numbers + 8 * k)
-            place = load(_int64, cell)
-            store(cell, place + 1)
-            store(x + 8 * place, load(_float64, points + 8 * k))
-            store(y + 8 * place, load(_float64, points + ROW + 8 * k))
-            store(points + 2 * ROW + 8 * place, k)
-    for k in range(n):
-        store(numbers + 8 * k, load(_int64, points + 2 * ROW + 8 * k))
 
 
 @kernel
@@ -197,7 +95,7 @@ def _trace_camera_rays(
     view, ambient, scratch, seen
         As `trace_radiance`.
     places
-        Where they pass through the picture (`_place_samples`).
+        Where they pass through the picture (`place_samples`).
     n, per_pixel
         How many; those of a pixel.
     start
@@ -209,7 +107,7 @@ def _trace_camera_rays(
     # where no two corners see one face: a fine mesh
     ordered = seen.face < 0 and not seen.divided and settings[SETTING_SKIP] != 0 and per_pixel % LANES == 0
     if ordered:
-        _order_samples(places, places + ROW, n, min(per_pixel, n), hits + THROUGHPUT, numbers)
+        order_samples(places, places + ROW, n, min(per_pixel, n), hits + THROUGHPUT, numbers)
     else:
         for k in range(0, n, LANES):
             store(numbers + 8 * k, iota(INTEGERS) + splat(INTEGERS, k))
@@ -264,7 +162,7 @@ def _render_wave(
     view, ambient, scratch
         As `trace_radiance`.
     pixels, n_pixels
-        As `_place_samples`.
+        As `place_samples`.
     first, end
         ``n_pixels * (end - first) <= WAVE``.
     sums
@@ -295,7 +193,7 @@ def _render_wave(
             n_together = min(together, corner + n_part - pixel)
             for skipped in range(0, per_pixel, PACKET):
                 rays = min(PACKET, per_pixel - skipped) if together == 1 else n_together * per_pixel
-                _place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
+                place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
                 start = pixel * per_pixel + skipped
                 if seen.plain:
                     shade_plain(view, ambient, scratch, seen, places, rays, start)
