@@ -89,6 +89,15 @@ def span(origins, directions, rng):
     return Beams(starts[keep], ways[keep], ends[keep])
 
 
+def answers_of(tree, n_faces, beams, *, until_hit):
+    """What is said of each beam: (face that all corner rays first meet or -1, answer of SOLE); all faces are opaque."""
+    answers = np.empty((len(beams.ends), 2), np.int64)
+    memory = np.zeros(RAY_ROWS * 64 + 8)
+    opaque, materials = np.zeros(3), np.zeros(n_faces, np.int32)
+    _ask(tree, memory, opaque, materials, beams.origins, beams.directions, beams.ends, until_hit, answers)
+    return answers
+
+
 def wrong_answers(tree, vertices, faces, beams):
     """Count (wrong answers, answers that told something)."""
     n = len(beams.ends)
@@ -97,19 +106,7 @@ def wrong_answers(tree, vertices, faces, beams):
     wrong = told = 0
     corners = np.sort(vertices[faces].reshape(len(faces), 3, 3), axis=1)
     for until_hit in (False, True):
-        answers = np.empty((n, 2), np.int64)
-        memory = np.zeros(RAY_ROWS * 64 + 8)
-        _ask(
-            tree,
-            memory,
-            np.zeros(3),
-            np.zeros(len(faces), np.int32),
-            beams.origins,
-            beams.directions,
-            beams.ends,
-            until_hit,
-            answers,
-        )
+        answers = answers_of(tree, len(faces), beams, until_hit=until_hit)
         for k in range(n):
             hit, sole = answers[k]
             ending = np.isfinite(beams.ends[k])

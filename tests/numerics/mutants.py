@@ -127,7 +127,7 @@ MUTANTS = [
     ),
     Mutant(
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
-        "N2",
+        "tests/numerics/test_beams.py",
         "rays/packet.py",
         "if verdict != ACROSS or (ended != NONE and not coincide(place, row, packet, size)):",
         "if ended != NONE and not coincide(place, row, packet, size):",
