@@ -5,6 +5,7 @@ traceback (`SMALTI_TRACEBACK=1` shows it); `smalti --help` imports neither httpx
 """
 
 import os
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -51,6 +52,9 @@ class _Group(TyperGroup):
             Terminal(as_json=as_json).error(error)
             raise typer.Exit(int(error.exit_code)) from None
         except KeyboardInterrupt:
+            # From here on nothing is left to interrupt. Python's own end puts the default handler back, which would
+            # turn a second Ctrl-C into a death by signal; an ignored signal it leaves ignored.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
             _reraise_if_asked()
             Terminal().warn("interrupted")
             raise typer.Exit(int(ExitCode.INTERRUPTED)) from None
