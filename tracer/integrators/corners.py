@@ -25,7 +25,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from tracer.accel.layout import HEADER_WIDE_LEAVES
-from tracer.geometry.vector import add, at, cross, dot, is_black, multiply, negate, scale, subtract
+from tracer.geometry.vector import add, at, cross, dot, is_black, largest, multiply, negate, scale, subtract
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -47,6 +47,7 @@ from tracer.rays.rows import (
     shear_lanes,
 )
 from tracer.shading.direct import face_light, offset_origins, see_light
+from tracer.shading.phong import attenuation_bound
 from tracer.shading.rows import (
     ATTENUATION,
     DIRECTION,
@@ -71,6 +72,8 @@ from tracer.types import (
     LIGHT_DIFFUSE,
     LIGHT_KIND_DIRECTIONAL,
     LIGHT_SPECULAR,
+    LIMIT_MIN_THROUGHPUT,
+    MATERIAL_A,
     MATERIAL_KD,
     MATERIAL_KR,
     MATERIAL_KS,
@@ -92,8 +95,11 @@ _float64: Final = types.float64
 _int64: Final = types.int64
 _INF: Final = math.inf
 _MOST_LIGHTS: Final = 62  # sets of lights are int64
+PLAIN_LIGHTS: Final = 16  # that a plain wave's shading has room for
 _WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
 _AWAY: Final = 2.0**-30  # of cosines: no rounding changes the sign
+_SLANT: Final = 2.0**-10  # of the cosine between a ray and a plane whose equation is used
+_SLIM: Final = 2.0**-20  # of twice a triangle's area over its longest edge squared; beyond, it has no sure plane
 _SAME: Final = 2.0**-50  # of a unit normal's components: one plane
 
 
@@ -111,14 +117,15 @@ class Seen(NamedTuple):
     black: int  # lights that add nothing to this face
     away: int  # lights behind it
     divided: bool  # parts of the rectangle may see one face each, or more of what is known of it
-    plain: bool  # one normal and colour all over, nothing is mirrored or let through, and each light is in a set
+    even: bool  # one normal and colour all over, not too grazing, and each light is in a set: `.plain` can shade it
+    plain: bool  # the same, and nothing is mirrored or let through
 
 
 @inline
 def nothing_seen(divided: bool) -> Seen:
     """Return what is said of a wave of which nothing is known."""
     zero = _int64(0)
-    return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, divided, False)
+    return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, divided, False, False)
 
 
 @inline
@@ -165,18 +172,33 @@ def _is_flat(view: SceneView, face: int) -> bool:
 
 
 @inline
-def _is_plain(view: SceneView, face: int) -> bool:
-    """Tell whether a face has one colour, and sends nothing on."""
-    material = int64(view.face_material[face])
-    i = N_MATERIAL * material
-    colored = view.face_flags[face] & FACE_HAS_COLORS != 0
-    textured = view.material_flags[N_MATERIAL_FLAGS * material + FLAG_TEXTURE] >= 0
-    stays = is_black(at(view.materials, i + MATERIAL_KR)) and is_black(at(view.materials, i + MATERIAL_KT))
-    return not colored and not textured and stays
+def _has_one_color(view: SceneView, face: int) -> Any:
+    """Tell whether a face has one colour."""
+    texture = N_MATERIAL_FLAGS * int64(view.face_material[face]) + FLAG_TEXTURE
+    return view.face_flags[face] & FACE_HAS_COLORS == 0 and view.material_flags[texture] < 0
 
 
 @inline
-def _is_mirror(view: SceneView, face: int) -> bool:
+def _sends_nothing_on(view: SceneView, face: int) -> bool:
+    """Tell whether a face mirrors nothing and lets nothing through."""
+    i = N_MATERIAL * int64(view.face_material[face])
+    return is_black(at(view.materials, i + MATERIAL_KR)) and is_black(at(view.materials, i + MATERIAL_KT))
+
+
+@inline
+def _has_sure_plane(view: SceneView, hits: int, face: int) -> bool:
+    """Tell whether the plane's equation gives the points of all between the corners' hits as well as weights do."""
+    i0, i1, i2 = corners_of(view, face)
+    p0, p1, p2 = at(view.vertex_positions, i0), at(view.vertex_positions, i1), at(view.vertex_positions, i2)
+    e1, e2, e3 = subtract(p1, p0), subtract(p2, p0), subtract(p2, p1)
+    across = cross(e1, e2)
+    longest = max(dot(e1, e1), dot(e2, e2), dot(e3, e3))
+    slant = absolute(dot(vector_at(hits + GEOMETRIC), vector_at(hits + DIRECTION)))
+    return bool(dot(across, across) > _SLIM * _SLIM * longest * longest and all_lanes(slant > splat(VECTOR, _SLANT)))
+
+
+@inline
+def is_mirror(view: SceneView, face: int) -> bool:
     """Tell whether a face mirrors and lets nothing through."""
     i = N_MATERIAL * int64(view.face_material[face])
     return not is_black(at(view.materials, i + MATERIAL_KR)) and is_black(at(view.materials, i + MATERIAL_KT))
@@ -266,11 +288,13 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any) -> Seen
                 lit |= _int64(1) << light
             elif judgement < 0:
                 dark |= _int64(1) << light
-    simple = flat and _is_plain(view, face)
-    plain = simple and lit | dark | black | away == (_int64(1) << view.n_lights) - 1
+    simple = flat and _has_one_color(view, face)
+    judged = lit | dark | black | away == (_int64(1) << view.n_lights) - 1
+    even = simple and judged and view.n_lights <= PLAIN_LIGHTS and _has_sure_plane(view, hits, face)
+    plain = even and _sends_nothing_on(view, face)
     axis = load(_int64, hits + AXIS)
-    divided = (simple and not plain) or (flat and _is_mirror(view, face))
-    return Seen(face, place, row, size, word, axis, lit, dark, black, away, divided, plain)
+    divided = (simple and not judged and _sends_nothing_on(view, face)) or (flat and is_mirror(view, face))
+    return Seen(face, place, row, size, word, axis, lit, dark, black, away, divided, even, plain)
 
 
 @kernel
@@ -320,7 +344,11 @@ def look_in_mirror(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen)
         What it returned.
     """
     stand_alone()
-    if seen.face < 0 or view.settings[SETTING_MAX_DEPTH] < 1 or not _is_mirror(view, seen.face):
+    if seen.face < 0 or view.settings[SETTING_MAX_DEPTH] < 1 or not is_mirror(view, seen.face):
+        return nothing_seen(False)
+    i = N_MATERIAL * int64(view.face_material[seen.face])
+    greatest = largest(at(view.materials, i + MATERIAL_KR)) * attenuation_bound(view.materials[i + MATERIAL_A])
+    if greatest < view.limits[LIMIT_MIN_THROUGHPUT]:
         return nothing_seen(False)
     hits = scratch.hits
     d, n, plane = vector_at(hits + DIRECTION), vector_at(hits + NORMAL), vector_at(hits + GEOMETRIC)

@@ -11,11 +11,12 @@ from typing import Any, Final
 
 from tracer.integrators.scratch import WAVE
 from tracer.jit import inline, kernel
-from tracer.rays.rows import LANES, STEP, VECTOR
-from tracer.simd import load, stack_memory, store, transpose
+from tracer.rays.rows import INTEGERS, LANES, STEP, VECTOR
+from tracer.simd import extract, iota, load, select, splat, stack_memory, store, transpose
 from tracer.simd.gateway import types
 
 _float64: Final = types.float64
+_int64: Final = types.int64
 _FOUR: Final = 4 * STEP
 SUMS: Final = 12  # numbers of a pixel: R, G, B of even samples, of odd ones, and what the roundings of these six lost
 _ODD: Final = 3
@@ -46,6 +47,52 @@ def add_up(values: int, n: int, parity: int, sums: Any, place: int) -> None:
     for k in range(n):
         i = place + _ODD * ((parity + k) % 2)
         sums[i], sums[i + _LOST] = _add(sums[i], sums[i + _LOST], load(_float64, values + 8 * k))
+
+
+@inline
+def _add_color(sums: Any, place: int, color: Any, share: Any) -> None:
+    """Add a colour times a number to one half of a pixel's sums."""
+    sums[place], sums[place + _LOST] = _add(sums[place], sums[place + _LOST], color.x * share)
+    sums[place + 1], sums[place + 1 + _LOST] = _add(sums[place + 1], sums[place + 1 + _LOST], color.y * share)
+    sums[place + 2], sums[place + 2 + _LOST] = _add(sums[place + 2], sums[place + 2 + _LOST], color.z * share)
+
+
+@inline
+def add_everywhere(color: Any, first: int, end: int, sums: Any, place: int) -> None:
+    """Add one colour to a pixel's sums for each of its samples ``first`` to ``end``."""
+    n_even = (end + 1) // 2 - (first + 1) // 2
+    _add_color(sums, place, color, _float64(n_even))
+    _add_color(sums, place + _ODD, color, _float64(end - first - n_even))
+
+
+@inline
+def add_shares(color: Any, shares: int, n: int, parity: int, sums: Any, place: int) -> None:
+    """Add to a pixel's sums one colour times each sample's share.
+
+    Parameters
+    ----------
+    color
+        R, G, B.
+    shares, n
+        Address of float64; how many. Memory is read up to the next multiple of four.
+    parity
+        Number of the first sample, or its rest modulo 2.
+    sums, place
+        Flat float64; where the pixel's begin.
+    """
+    total, lost = splat(VECTOR, 0.0), splat(VECTOR, 0.0)
+    whole = n & ~(LANES - 1)
+    for k in range(0, 8 * whole, STEP):
+        total, lost = _add(total, lost, load(VECTOR, shares + k))
+    if whole < n:
+        rest = iota(INTEGERS) < splat(INTEGERS, _int64(n - whole))
+        total, lost = _add(total, lost, select(rest, load(VECTOR, shares + 8 * whole), splat(VECTOR, 0.0)))
+    lanes = total + lost
+    one = extract(lanes, _int64(0)) + extract(lanes, _int64(2))
+    other = extract(lanes, _int64(1)) + extract(lanes, _int64(3))
+    odd = parity % 2 != 0
+    _add_color(sums, place, color, other if odd else one)
+    _add_color(sums, place + _ODD, color, one if odd else other)
 
 
 @inline
@@ -86,7 +133,7 @@ def _add_four(values: int, n: int, first_is_odd: bool, sums: Any, place: int) ->
 
 
 @kernel
-def add_wave(radiance: int, n_pixels: int, per_pixel: int, first: int, sums: Any) -> None:
+def add_wave(radiance: int, n_pixels: int, per_pixel: int, first: int, sums: Any, place: int) -> None:
     """Add a wave's samples to its pixels' sums.
 
     Parameters
@@ -97,8 +144,8 @@ def add_wave(radiance: int, n_pixels: int, per_pixel: int, first: int, sums: Any
         Pixels; samples of each.
     first
         Number of each pixel's first sample.
-    sums
-        Flat float64, `SUMS` of each pixel.
+    sums, place
+        Flat float64, `SUMS` of each pixel; where the first one's begin.
     """
     odd = first % 2 != 0
     for channel in range(3):
@@ -106,8 +153,8 @@ def add_wave(radiance: int, n_pixels: int, per_pixel: int, first: int, sums: Any
         pixel = 0
         if per_pixel % LANES == 0:
             while pixel + LANES <= n_pixels:
-                _add_four(values + 8 * pixel * per_pixel, per_pixel, odd, sums, SUMS * pixel + channel)
+                _add_four(values + 8 * pixel * per_pixel, per_pixel, odd, sums, place + SUMS * pixel + channel)
                 pixel += LANES
         while pixel < n_pixels:
-            add_up(values + 8 * pixel * per_pixel, per_pixel, first, sums, SUMS * pixel + channel)
+            add_up(values + 8 * pixel * per_pixel, per_pixel, first, sums, place + SUMS * pixel + channel)
             pixel += 1

@@ -66,7 +66,7 @@ class CpuBackend:
     """Scalar float64 kernels, one thread a call, without the GIL."""
 
     name: str = "cpu"
-    arithmetic: str = "f64-v1"
+    arithmetic: str = "f64-v2"
 
     def compile(self, scene: SceneDoc, assets: AssetResolver) -> CompiledScene:
         """Compile a scene document and its files; see :class:`Backend`."""

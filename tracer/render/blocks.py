@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.integrators.blinn_phong import FROM_EYE, total_ambient, trace_bounces, trace_radiance
 from tracer.integrators.bounces import n_mirrored
-from tracer.integrators.corners import Seen, look_at_corners, look_in_mirror, nothing_seen
-from tracer.integrators.plain import shade_plain
+from tracer.integrators.corners import Seen, nothing_seen
+from tracer.integrators.places import PIXEL, order_samples, place_samples
+from tracer.integrators.plain import camera_pencil, is_plain, shade_plain
 from tracer.integrators.scratch import WAVE, Scratch, allocate, capacity
 from tracer.integrators.sums import SUMS, add_wave
+from tracer.integrators.survey import SURVEY_BYTES, recall, start_survey, survey_square
 from tracer.jit import inline, int64, kernel, pointer
 from tracer.rays.camera_lanes import fill_camera_rays
 from tracer.rays.frustum import misses_bounds
@@ -41,7 +43,6 @@ from tracer.rays.rows import (
     VECTOR,
     shear_lanes,
 )
-from tracer.render.places import order_samples, place_samples
 from tracer.sampling.hashing import pixel_key
 from tracer.shading.rows import DEPTH, DIRECTION, FROM, HIT_ROWS, SAMPLE, THROUGHPUT
 from tracer.simd import address_of, iota, load, splat, stack_memory, store
@@ -140,20 +141,26 @@ def _trace_camera_rays(
     trace_radiance(view, ambient, scratch, seen, lanes, int64(FROM_EYE) if ordered else start)
 
 
-@kernel
-def _see_wave(view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, first: int, n: int) -> Seen:
-    """Look at the corners of some of a wave's pixels."""
-    x0, y0 = pixels[3 * first], pixels[3 * first + 1]
-    x1, y1 = x0, y0
-    for pixel in range(first + 1, first + n):
-        x0, x1 = min(x0, pixels[3 * pixel]), max(x1, pixels[3 * pixel])
-        y0, y1 = min(y0, pixels[3 * pixel + 1]), max(y1, pixels[3 * pixel + 1])
-    return look_at_corners(view, ambient, scratch, float(x0), float(y0), float(x1 + 1), float(y1 + 1))
+@inline
+def _end_of_square(pixels: Any, begin: int, n_pixels: int) -> int:
+    """Find the end of the pixels that one thing is known of (`survey_square`)."""
+    end = begin + 1
+    while end < n_pixels and pixels[PIXEL * end + 3] == pixels[PIXEL * begin + 3]:
+        end += 1
+    return end
 
 
 @kernel
 def _render_wave(
-    view: SceneView, ambient: Vec3, scratch: Scratch, pixels: Any, n_pixels: int, first: int, end: int, sums: Any
+    view: SceneView,
+    ambient: Vec3,
+    scratch: Scratch,
+    survey: int,
+    pixels: Any,
+    n_pixels: int,
+    first: int,
+    end: int,
+    sums: Any,
 ) -> None:
     """Render samples first..end of some pixels and add them to the sums.
 
@@ -161,6 +168,8 @@ def _render_wave(
     ----------
     view, ambient, scratch
         As `trace_radiance`.
+    survey
+        Address of what is known of the pixels' squares (`survey_square`).
     pixels, n_pixels
         As `place_samples`.
     first, end
@@ -168,41 +177,59 @@ def _render_wave(
     sums
         Flat float64, `SUMS` of each pixel of the wave.
     """
+    settings = view.settings
     per_pixel = end - first
-    n = n_pixels * per_pixel
-    seen = whole = _see_wave(view, ambient, scratch, pixels, 0, n_pixels)
-    mirrored = look_in_mirror(view, ambient, scratch, whole)
-    if not whole.plain:  # what is plain is written, not added
-        for channel in range(3):
-            for k in range(0, 8 * n, STEP):
-                store(scratch.radiance + 8 * WAVE * channel + k, splat(VECTOR, 0.0))
-    divided = whole.divided and mirrored.face < 0
+    pencil = camera_pencil(view.camera, settings[SETTING_WIDTH], settings[SETTING_HEIGHT])
     places = stack_memory(_PLACE_BYTES)
     points = scratch.hits + THROUGHPUT  # free until the rays are there
     together = max(1, PACKET // per_pixel)  # pixels of a packet
-    part = together * max(1, _SQUARE // together)  # whole packets that are asked about together
-    for corner in range(0, n_pixels, part):
-        n_part = min(part, n_pixels - corner)
-        if divided:
-            seen = _see_wave(view, ambient, scratch, pixels, corner, n_part)
-            mirrored = look_in_mirror(view, ambient, scratch, seen)
-            if seen.face < 0:
-                seen = whole
+    cleared = False
+    start = 0
+    while start < n_pixels:
+        stop = _end_of_square(pixels, start, n_pixels)
+        seen, mirrored = recall(survey, pixels[PIXEL * start + 3])
+        if is_plain(view, seen, mirrored):
+            shade_plain(
+                view,
+                ambient,
+                scratch.counters,
+                seen,
+                mirrored,
+                pencil,
+                pixels,
+                start,
+                stop,
+                first,
+                per_pixel,
+                points,
+                sums,
+            )
+            start = stop
+            continue
+        if not cleared:  # what is plain is not added up here
+            cleared = True
+            for channel in range(3):
+                for k in range(0, 8 * n_pixels * per_pixel, STEP):
+                    store(scratch.radiance + 8 * WAVE * channel + k, splat(VECTOR, 0.0))
         waiting = n_mirrored(scratch)
-        for pixel in range(corner, corner + n_part, together):
-            n_together = min(together, corner + n_part - pixel)
+        for pixel in range(start, stop, together):
+            n_together = min(together, stop - pixel)
             for skipped in range(0, per_pixel, PACKET):
                 rays = min(PACKET, per_pixel - skipped) if together == 1 else n_together * per_pixel
-                place_samples(view.settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
-                start = pixel * per_pixel + skipped
-                if seen.plain:
-                    shade_plain(view, ambient, scratch, seen, places, rays, start)
-                else:
-                    _trace_camera_rays(view, ambient, scratch, seen, places, rays, per_pixel, start)
+                place_samples(settings, pixels, pixel, first + skipped, rays, per_pixel, points, places)
+                _trace_camera_rays(view, ambient, scratch, seen, places, rays, per_pixel, pixel * per_pixel + skipped)
         if mirrored.face >= 0:
             trace_bounces(view, ambient, scratch, mirrored, waiting)
+        start = stop
     trace_bounces(view, ambient, scratch, nothing_seen(False), int64(-1))
-    add_wave(scratch.radiance, n_pixels, per_pixel, first, sums)
+    start = 0
+    while start < n_pixels:
+        stop = _end_of_square(pixels, start, n_pixels)
+        seen, mirrored = recall(survey, pixels[PIXEL * start + 3])
+        if not is_plain(view, seen, mirrored):
+            first_sum = SUMS * start
+            add_wave(scratch.radiance + 8 * start * per_pixel, stop - start, per_pixel, first, sums, first_sum)
+        start = stop
 
 
 @kernel
@@ -239,7 +266,8 @@ def _render(
     )
     flag = pointer(cancel)
     ambient = total_ambient(view)
-    wave_pixels = np.empty((_BLOCK_PIXELS, 3), np.int64)
+    wave_pixels = np.empty((_BLOCK_PIXELS, PIXEL), np.int64)
+    survey = stack_memory(SURVEY_BYTES)
     wave_sums = np.empty((_BLOCK_PIXELS, SUMS))
     width, height, kind = settings[SETTING_WIDTH], settings[SETTING_HEIGHT], settings[SETTING_CAMERA]
     crop_x, crop_y = settings[SETTING_CROP_X], settings[SETTING_CROP_Y]
@@ -257,6 +285,7 @@ def _render(
         )
         n_pixels = 0
         empty = block_empty
+        start_survey(survey)
         for code in range(_BLOCK_PIXELS):
             px, py = x0 + _even_bits(code), y0 + _even_bits(code >> 1)
             if may_skip and not block_empty and code % _SQUARE == 0:  # the next 4 x 4 pixels
@@ -274,6 +303,7 @@ def _render(
             wave_pixels[n_pixels, 0] = px
             wave_pixels[n_pixels, 1] = py
             wave_pixels[n_pixels, 2] = int64(pixel_key(settings[SETTING_SEED], px, py, 0))
+            wave_pixels[n_pixels, 3] = survey_square(view, ambient, scratch, survey, int64(code // _SQUARE), x0, y0)
             n_pixels += 1
         wave_sums[:] = 0.0
         together = max(1, WAVE // n_taken)
@@ -284,7 +314,15 @@ def _render(
                     return False
                 end = min(end_sample, first + WAVE)
                 _render_wave(
-                    view, ambient, scratch, pointer(wave_pixels[start:]), n, first, end, pointer(wave_sums[start:])
+                    view,
+                    ambient,
+                    scratch,
+                    survey,
+                    pointer(wave_pixels[start:]),
+                    n,
+                    first,
+                    end,
+                    pointer(wave_sums[start:]),
                 )
         for k in range(n_pixels):
             row, column = wave_pixels[k, 1] - y0, wave_pixels[k, 0] - x0

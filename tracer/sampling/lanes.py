@@ -10,7 +10,21 @@ import numpy as np
 
 from tracer.jit import inline, kernel
 from tracer.sampling.sampler import sample_keyed
-from tracer.simd import any_lane, convert, int32x8, load, reverse_bits, shift_right_logical, splat, store
+from tracer.simd import (
+    any_lane,
+    constant_table,
+    convert,
+    extract,
+    float64x8,
+    insert,
+    int32x8,
+    iota,
+    load,
+    reverse_bits,
+    shift_right_logical,
+    splat,
+    store,
+)
 from tracer.simd.gateway import types
 from tracer.types import SAMPLER_SOBOL
 
@@ -19,6 +33,7 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 LANES: Final = 8
+_TABLE_BITS: Final = 4
 _BYTES: Final = 4 * LANES
 
 
@@ -79,10 +94,86 @@ def _scramble(x: Any, key: Any) -> Any:
 
 
 @inline
+def _bits_of(n_samples: int) -> int:
+    """Bits that number the samples of a pixel."""
+    bits = 0
+    while (_int64(1) << bits) < n_samples:
+        bits += 1
+    return bits
+
+
+@inline
+def _shuffle(index: Any, key: Any, bits: int) -> Any:
+    """As :func:`tracer.sampling.sobol.shuffle_index`."""
+    if bits == 0:
+        return _word(0)
+    lift = splat(int32x8, _int32(_int64(1) << (32 - bits)))
+    return shift_right_logical(_scramble(reverse_bits(index * lift), key), _int32(32 - bits))
+
+
+@inline
+def _second(index: Any, bits: int) -> Any:
+    """As :func:`tracer.sampling.sobol.sobol_reversed_second`, of an index of some bits."""
+    index = index ^ (_right(index, 1) & _word(_M1))
+    index = index ^ (_right(index, 2) & _word(_M2))
+    if bits > 4:
+        index = index ^ (_right(index, 4) & _word(_M4))
+        index = index ^ (_right(index, 8) & _word(_M8))
+        index = index ^ (_right(index, 16) & _word(_M16))
+    return index
+
+
+@inline
 def _store_unit(address: int, x: Any) -> None:
     """Write words as numbers in [0, 1)."""
     signed = convert(_float64, x ^ _word(_TOP))
     store(address, (signed + 2.0**31) * 2.0**-32)
+
+
+def _shuffles() -> bytes:
+    """Owen-shuffled indices below 16, int32: a row for each value of the key's four lowest bits, which decide alone."""
+    backwards = np.array([int(f"{index:04b}"[::-1], 2) for index in range(1 << _TABLE_BITS)])
+    x = backwards + np.arange(1 << _TABLE_BITS)[:, np.newaxis]
+    for factor in (_K1, _K2, _K3, _K4):
+        x = (x ^ (x * factor)) % (1 << _TABLE_BITS)
+    return backwards[x].astype(np.int32).tobytes()
+
+
+_shuffled_indices = constant_table("shuffled_indices", _shuffles())
+
+
+@inline
+def place_in_pixel(n_samples: int, key: int, first: int, n: int, px: int, py: int, xs: int, ys: int) -> None:
+    """Write where Sobol points of one pixel lie in the picture.
+
+    Parameters
+    ----------
+    n_samples, key
+        As `fill_samples`.
+    first, n
+        First sample; how many, a multiple of eight.
+    px, py
+        The pixel.
+    xs, ys
+        Addresses of float64: where the coordinates go, in pixels.
+    """
+    words = insert(insert(_word(_SHUFFLE), _int64(1), _int32(_U)), _int64(2), _int32(_V))
+    words = _hash(words ^ splat(int32x8, _int32(key)))
+    for_u, for_v = splat(int32x8, extract(words, _int64(1))), splat(int32x8, extract(words, _int64(2)))
+    shuffle = extract(words, _int64(0))
+    bits = _bits_of(n_samples)
+    row = _shuffled_indices() + (_int64(shuffle) & ((1 << _TABLE_BITS) - 1)) * (4 << _TABLE_BITS)
+    middle_x, middle_y = splat(float64x8, px + 0.5), splat(float64x8, py + 0.5)  # of what words are, signed
+    step = splat(float64x8, 2.0**-32)
+    for k in range(n // LANES):
+        at_lanes = _int64(first) + LANES * k
+        if bits == _TABLE_BITS:
+            index = load(int32x8, row + 4 * at_lanes)
+        else:
+            index = _shuffle(iota(int32x8) + splat(int32x8, _int32(at_lanes)), splat(int32x8, shuffle), bits)
+        u, v = _scramble(index, for_u), _scramble(_second(index, bits), for_v)
+        store(xs + 2 * _BYTES * k, convert(_float64, u ^ _word(_TOP)) * step + middle_x)
+        store(ys + 2 * _BYTES * k, convert(_float64, v ^ _word(_TOP)) * step + middle_y)
 
 
 @kernel
@@ -107,11 +198,7 @@ def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, 
             store(us + 8 * k, u)
             store(vs + 8 * k, v)
         return
-    bits = 0
-    while (_int64(1) << bits) < n_samples:
-        bits += 1
-    lift = splat(int32x8, _int32(_int64(1) << (32 - bits))) if bits > 0 else _word(0)
-    drop = _int32(32 - bits if bits > 0 else 31)
+    bits = _bits_of(n_samples)
     last = load(int32x8, keys)
     shuffle, for_u, for_v = _hash(last ^ _word(_SHUFFLE)), _hash(last ^ _word(_U)), _hash(last ^ _word(_V))
     for k in range((n + LANES - 1) // LANES):
@@ -120,12 +207,6 @@ def fill_samples(sampler: int, n_samples: int, n: int, keys: int, indices: int, 
             last = key
             shuffle, for_u, for_v = _hash(key ^ _word(_SHUFFLE)), _hash(key ^ _word(_U)), _hash(key ^ _word(_V))
         index = load(int32x8, indices + _BYTES * k)
-        index = shift_right_logical(_scramble(reverse_bits(index * lift), shuffle), drop)
-        index = index & _word(-1 if bits > 0 else 0)
+        index = _shuffle(index, shuffle, bits)
         _store_unit(us + 2 * _BYTES * k, _scramble(index, for_u))
-        second = index ^ (_right(index, 1) & _word(_M1))
-        second = second ^ (_right(second, 2) & _word(_M2))
-        second = second ^ (_right(second, 4) & _word(_M4))
-        second = second ^ (_right(second, 8) & _word(_M8))
-        second = second ^ (_right(second, 16) & _word(_M16))
-        _store_unit(vs + 2 * _BYTES * k, _scramble(second, for_v))
+        _store_unit(vs + 2 * _BYTES * k, _scramble(_second(index, bits), for_v))

@@ -164,6 +164,21 @@ def raise_cosine(x: Any, exponent: Any) -> Any:
 
 
 @inline
+def find_highlight(exponent: Any, normal: Any, to_light: Any, viewing: Any) -> Any:
+    """(n . h)^s of four points [farmer2019 eq. 12, 16]; parameters as `reflect_light`."""
+    zero = splat(VECTOR, 0.0)
+    half = add(to_light, negate(viewing))
+    squared = dot(half, half)  # 0 when l = -v
+    n_dot_h = dot(normal, half)
+    n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
+    # x^s <= exp(-s (1 - x)): what is certainly below 2^-40 (1e-12 of the light) counts as nothing
+    seen = exponent * (splat(VECTOR, 1.0) - n_dot_h) < splat(VECTOR, _FAINTEST)
+    if not any_lane(seen):
+        return zero
+    return select(seen, raise_cosine(minimum(maximum(n_dot_h, zero), splat(VECTOR, 1.0)), exponent), zero)
+
+
+@inline
 def reflect_light(kd: Any, ks: Any, cosine: Any, exponent: Any, normal: Any, to_light: Any, viewing: Any) -> Any:
     """Share of a light's colour that four points reflect [farmer2019 eq. 11, 12, 16].
 
@@ -181,15 +196,7 @@ def reflect_light(kd: Any, ks: Any, cosine: Any, exponent: Any, normal: Any, to_
     zero = splat(VECTOR, 0.0)
     reflected = scale(kd, cosine)
     if any_lane((ks.x > zero) | (ks.y > zero) | (ks.z > zero)):
-        half = add(to_light, negate(viewing))
-        squared = dot(half, half)  # 0 when l = -v
-        n_dot_h = dot(normal, half)
-        n_dot_h = select(squared > zero, n_dot_h / sqrt(squared), zero)
-        # x^s <= exp(-s (1 - x)): what is certainly below 2^-40 (1e-12 of the light) counts as nothing
-        seen = exponent * (splat(VECTOR, 1.0) - n_dot_h) < splat(VECTOR, _FAINTEST)
-        if any_lane(seen):
-            highlight = raise_cosine(minimum(maximum(n_dot_h, zero), splat(VECTOR, 1.0)), exponent)
-            reflected = add(reflected, scale(ks, select(seen, highlight, zero)))
+        reflected = add(reflected, scale(ks, find_highlight(exponent, normal, to_light, viewing)))
     return reflected
 
 

@@ -63,6 +63,7 @@ from tracer.simd.lanes import (
 )
 from tracer.simd.memory import (
     address_of,
+    constant_table,
     gather,
     load,
     load_as_float64,
@@ -97,6 +98,7 @@ __all__ = [
     "bitcast",
     "compress",
     "concatenate",
+    "constant_table",
     "convert",
     "cos",
     "count_trailing_zeros",

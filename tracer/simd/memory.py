@@ -13,7 +13,7 @@ from typing import Any
 from llvmlite import ir
 
 from tracer.simd.arithmetic import call_intrinsic
-from tracer.simd.gateway import intrinsic, types
+from tracer.simd.gateway import cgutils, intrinsic, types
 from tracer.simd.types import (
     INDEX,
     POINTER,
@@ -29,6 +29,7 @@ from tracer.simd.types import (
 
 _I8 = ir.IntType(8)
 _I64 = ir.IntType(64)
+_CACHE_LINE = 64
 
 
 @intrinsic
@@ -122,6 +123,24 @@ def stack_memory(_typing: Any, size: Any) -> Any:
         return builder.ptrtoint(memory, _I64)
 
     return types.int64(size), generate
+
+
+def constant_table(name: str, data: bytes) -> Any:
+    """Make an intrinsic without arguments that returns the address of constant bytes, on a cache line."""
+    symbol = f"smalti.simd.{name}"
+
+    @intrinsic
+    def table(_typing: Any) -> Any:
+        def generate(_context: Any, builder: Any, _sig: Any, _args: Any) -> Any:
+            found = builder.module.globals.get(symbol)
+            if found is None:
+                found = cgutils.global_constant(builder, symbol, cgutils.make_bytearray(data))
+                found.align = _CACHE_LINE
+            return builder.ptrtoint(found, _I64)
+
+        return types.int64(), generate
+
+    return table
 
 
 @intrinsic

@@ -1,6 +1,7 @@
 """What four corner rays tell of a wave changes no picture, and is told where it can be.
 
-The oracle is the same picture with SETTING_SKIP off, where every ray is traced: bit for bit the same sums. Where only a
+The oracle is the same picture with SETTING_SKIP off, where every ray is traced: bit for bit the same sums, but for
+pixels that are shaded from a plane's equation (`tracer.integrators.plain`), where the stated bound holds. Where only a
 handful of triangles stand around, closed reasoning says what must have been shared.
 """
 
@@ -34,8 +35,14 @@ SCREEN = [[x, y, 1] for x, y, _ in WALL]  # behind the eye
 NARROW = [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, -0.5, 0.5, -0.5, 0.5, 1]
 
 
+def same_within_the_bound(film, oracle, scene):
+    """The bound that `tracer.integrators.plain` states: of the lights' intensities, times the samples."""
+    arriving = 1.0 + float(scene.lights[:, LIGHT_DIFFUSE : LIGHT_SPECULAR + 3].sum())
+    np.testing.assert_allclose(film, oracle, rtol=1e-12, atol=1e-12 * arriving * scene.settings[SETTING_SAMPLES])
+
+
 def both(scene):
-    """Counters with and without sharing, after the pictures were compared bit for bit."""
+    """Counters with and without sharing, after the pictures were compared."""
     counters = []
     films = []
     for skip in (1, 0):
@@ -45,7 +52,7 @@ def both(scene):
         film = get_backend().render(given, list_blocks(given), (0, int(values[SETTING_SAMPLES])), np.zeros(1, np.int64))
         films.append(film.sums)
         counters.append(dict(zip(COUNTERS, film.counters.tolist(), strict=True)))
-    np.testing.assert_array_equal(films[0], films[1])
+    same_within_the_bound(films[0], films[1], given)
     shared, full = counters
     assert full["primary_rays_skipped_shared"] == full["shadow_rays_skipped_shared"] == 0
     assert full["reflection_rays_skipped_shared"] == 0
@@ -116,7 +123,7 @@ def room(rng, scale, **fields):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0**-30, 1e4 / 3])
-def test_pictures_are_the_same_bit_for_bit(scale):
+def test_pictures_are_the_same(scale):
     """Rooms of all sorts of panels; and much is shared in them."""
     rng = np.random.default_rng(int(scale * 2**30) % 1000)
     primary = shadows = 0

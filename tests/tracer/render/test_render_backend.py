@@ -23,7 +23,7 @@ def counters_of(film):
 
 def test_identity():
     backend = get_backend()
-    assert (backend.name, backend.arithmetic) == ("cpu", "f64-v1")
+    assert (backend.name, backend.arithmetic) == ("cpu", "f64-v2")
     with pytest.raises(KeyError):
         get_backend("abacus")
 

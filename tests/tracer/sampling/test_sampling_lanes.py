@@ -5,7 +5,7 @@ import pytest
 
 from tracer.jit import kernel
 from tracer.sampling.hashing import pixel_key
-from tracer.sampling.lanes import fill_samples
+from tracer.sampling.lanes import fill_samples, place_in_pixel
 from tracer.sampling.sampler import sample_2d
 from tracer.simd import address_of
 from tracer.types import SAMPLER_INDEPENDENT, SAMPLER_SOBOL, SAMPLER_STRATIFIED
@@ -66,3 +66,23 @@ def test_points_of_a_pixel_form_a_net(n_samples):
     for k in range(bits + 1):
         cells = np.floor(us * 2**k) * 2 ** (bits - k) + np.floor(vs * 2 ** (bits - k))
         assert len(set(cells.tolist())) == n_samples
+
+
+@kernel
+def _place(n_samples, key, first, n, px, py, places):
+    place_in_pixel(n_samples, key, first, n, px, py, address_of(places), address_of(places[1:]))
+
+
+@pytest.mark.parametrize("n_samples", [8, 9, 16, 17, 64, 65536])
+def test_places_in_a_pixel_are_the_same_points(n_samples):
+    """All bits: a place has no more than float64 holds. Every row of the table of shuffles is used."""
+    for pixel in range(40):
+        px, py = 3839 - pixel, 65535 - 7 * pixel
+        key = int(pixel_key(11, px, py, 0))
+        for first in {0, max(0, n_samples // 2 // 8 * 8 - 8)}:
+            n = min(64, (n_samples - first) // 8 * 8)
+            places = np.full((2, n + 8), -7.0)
+            _place(np.int64(n_samples), np.int64(key), np.int64(first), np.int64(n), np.int64(px), np.int64(py), places)
+            points = [sample_2d(SAMPLER_SOBOL, 11, px, py, k, n_samples, 0) for k in range(first, first + n)]
+            assert places[:, :n].T.tolist() == [[px + u, py + v] for u, v in points]
+            assert (places[:, n:] == -7.0).all()

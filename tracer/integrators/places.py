@@ -5,14 +5,16 @@ from typing import Any, Final
 
 from tracer.jit import inline, kernel
 from tracer.rays.rows import LANES, PACKET, ROW, STEP, VECTOR
-from tracer.sampling.lanes import fill_samples
+from tracer.sampling import lanes
+from tracer.sampling.lanes import fill_samples, place_in_pixel
 from tracer.simd import int32x4, iota, load, splat, stack_memory, store
 from tracer.simd.gateway import types
-from tracer.types import SETTING_SAMPLER, SETTING_SAMPLES
+from tracer.types import SAMPLER_SOBOL, SETTING_SAMPLER, SETTING_SAMPLES
 
 _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
+PIXEL: Final = 4  # numbers of a pixel of a wave: x, y, key, and what was asked about it (`tracer.integrators.survey`)
 _WORD_BYTES: Final = 4 * PACKET
 _FINE: Final = 4  # cells a side that a pixel is divided into where it fills a packet, else 2
 _CELLS_BYTES: Final = 8 * _FINE * _FINE
@@ -29,7 +31,7 @@ def place_samples(
     settings
         The scene's.
     pixels
-        Flat int64: x, y and key of each pixel of the wave.
+        Flat int64, `PIXEL` of each pixel of the wave.
     first_pixel, first
         Pixel and sample of the first.
     n, per_pixel
@@ -40,9 +42,17 @@ def place_samples(
         Address of two rows, written: x and y in pixels from the top left corner of the full image.
     """
     sampler, n_samples = settings[SETTING_SAMPLER], settings[SETTING_SAMPLES]
+    if sampler == SAMPLER_SOBOL and per_pixel % lanes.LANES == 0 and n % lanes.LANES == 0:
+        together = min(per_pixel, n)
+        for k in range(n // together):
+            pixel = PIXEL * (first_pixel + k)
+            place = places + 8 * k * together
+            px, py, key = pixels[pixel], pixels[pixel + 1], pixels[pixel + 2]
+            place_in_pixel(n_samples, key, first, together, px, py, place, place + ROW)
+        return
     keys = stack_memory(_WORD_BYTES)
     indices = stack_memory(_WORD_BYTES)
-    pixel, index = 3 * first_pixel, first
+    pixel, index = PIXEL * first_pixel, first
     if per_pixel % LANES == 0 and n % LANES == 0:  # four samples of one pixel at a time
         following = iota(int32x4)
         for k in range(0, n, LANES):
@@ -52,7 +62,7 @@ def place_samples(
             store(places + ROW + 8 * k, splat(VECTOR, _float64(pixels[pixel + 1])))
             index += LANES
             if index == first + per_pixel:
-                pixel, index = pixel + 3, first
+                pixel, index = pixel + PIXEL, first
     else:
         for k in range(n):
             store(keys + 4 * k, _int32(pixels[pixel + 2]))
@@ -61,7 +71,7 @@ def place_samples(
             store(places + ROW + 8 * k, _float64(pixels[pixel + 1]))
             index += 1
             if index == first + per_pixel:
-                pixel, index = pixel + 3, first
+                pixel, index = pixel + PIXEL, first
     fill_samples(sampler, n_samples, n, keys, indices, points, points + ROW)
     for k in range(0, 8 * n, STEP):
         store(places + k, load(VECTOR, places + k) + load(VECTOR, points + k))
