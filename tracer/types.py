@@ -16,7 +16,9 @@ Invariants
 Equations are those of [farmer2019].
 """
 
-from typing import Final, NamedTuple
+import weakref
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -342,6 +344,28 @@ FIELDS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "bvh_slots": ("int32", (None,)),
     "bvh_root": ("float64", (2, 3)),
 }
+
+
+class Remembered:
+    """Arrays that were looked at before, known again by identity: what they are need not be found out each time.
+
+    None of them is kept alive.
+
+    Parameters
+    ----------
+    arrays
+        Whose memory, dtype and shape stay what they are.
+    """
+
+    def __init__(self, arrays: Iterable[NDArray[Any]]) -> None:
+        self._references = [weakref.ref(array) for array in arrays]
+
+    def are(self, arrays: Sequence[NDArray[Any]]) -> bool:
+        """Tell whether these are the same arrays, in the same order."""
+        known = self._references
+        return len(known) == len(arrays) and all(
+            reference() is array for reference, array in zip(known, arrays, strict=True)
+        )
 
 
 def check_layout(scene: CompiledScene) -> None:

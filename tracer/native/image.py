@@ -25,6 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from tracer.native.link import PAGE, Linked
+from tracer.types import Remembered
 
 _MAGIC: Final = b"SMKERN\x01\n"
 _PREFIX: Final = struct.Struct("<8sQ32s")
@@ -76,7 +77,7 @@ def _pack(values: list[int], kinds: list[Any], arguments: Any) -> None:
         raise ArgumentTypeError(f"{len(arguments)} arguments, expected {len(kinds)}")
     for kind, argument in zip(kinds, arguments, strict=True):
         if isinstance(kind, list):
-            _pack(values, kind, argument)
+            values += _words_of(kind, argument)
         elif kind == "i":
             values.append(int(argument))
         elif kind == "d":
@@ -90,6 +91,23 @@ def _pack(values: list[int], kinds: list[Any], arguments: Any) -> None:
                 )
             values.append(argument.__array_interface__["data"][0])
             values += argument.shape
+
+
+# Kinds, arrays and words of the tuple of arrays packed last: a scene is packed once, not for each of its tiles.
+_packed: tuple[list[Any], Remembered, list[int]] = ([], Remembered(()), [])
+
+
+def _words_of(kinds: list[Any], arguments: Any) -> list[int]:
+    """Return the words of a tuple of arguments."""
+    global _packed  # noqa: PLW0603 - one value, replaced as a whole
+    last = _packed
+    if last[0] is kinds and last[1].are(arguments):
+        return last[2]
+    values: list[int] = []
+    _pack(values, kinds, arguments)
+    if not any(isinstance(kind, (str, list)) for kind in kinds):
+        _packed = kinds, Remembered(arguments), values
+    return values
 
 
 class Image(NamedTuple):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tracer.native.entries import entry
 from tracer.render.compile import compile_scene
 from tracer.scene import AssetResolver, SceneDoc
-from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, check_layout
+from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, Remembered, check_layout
 
 render_blocks = entry("tracer.render.blocks.render_blocks")
 
@@ -68,6 +68,9 @@ class CpuBackend:
     name: str = "cpu"
     arithmetic: str = "f64-v2"
 
+    def __init__(self) -> None:
+        self._checked = Remembered(())  # the scene of the last render
+
     def compile(self, scene: SceneDoc, assets: AssetResolver) -> CompiledScene:
         """Compile a scene document and its files; see :class:`Backend`."""
         return compile_scene(scene, assets)[0]
@@ -86,7 +89,9 @@ class CpuBackend:
         ValueError
             The arrays are not what the kernel reads, or the sample range is not within the scene's samples.
         """
-        check_layout(compiled)
+        if not self._checked.are(compiled):
+            check_layout(compiled)
+            self._checked = Remembered(compiled)
         # One numba type for arrays from memory and from memory-mapped files alike.
         fields: list[Any] = [np.asarray(field) for field in compiled]
         scene = CompiledScene(*fields)
