@@ -37,6 +37,7 @@ COUNTERS: Final[tuple[str, ...]] = (
     "reflection_rays_skipped_shared",  # the same of reflection rays, off a flat mirror
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
+    "shadow_rays_skipped_solid",  # not traced: they pass through the inside of a closed opaque mesh
     "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a wave are lit, or all are dark
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
@@ -168,6 +169,12 @@ MAP_PAD: Final = 30  # share of the distance by which a ray can pass its box and
 MAP_TOP_PAD: Final = 31  # the largest MAP_PAD of all
 N_MAP: Final = 32
 
+# solids: float64 (n, N_SOLID)
+SOLID_CENTRE: Final = 0  # 0..2    of an ellipsoid that lies within a closed mesh, world
+SOLID_BALL: Final = 3  # 3..5    1 / its half axes
+SOLID_BOX: Final = 6  # 6..8    1 / the half extents of the mesh's box, which has the same centre
+N_SOLID: Final = 9
+
 
 class Vec3(NamedTuple):
     """Three scalars: a point, a direction or a colour. As fast as separate arguments in compiled code."""
@@ -242,6 +249,7 @@ class CompiledScene(NamedTuple):
     #                                    slots index .. index + count; count -1: nothing there
     bvh_slots: NDArray[np.int32]  # (ns,) shape by slot
     bvh_root: NDArray[np.float64]  # (2, 3) bounds of all finite primitives; (+inf, -inf) when there are none
+    solids: NDArray[np.float64]  # (n, N_SOLID) balls within closed opaque meshes, SOLID_*
 
 
 class SceneView(NamedTuple):
@@ -289,11 +297,13 @@ class SceneView(NamedTuple):
     bvh_children: NDArray[np.int32]
     bvh_slots: NDArray[np.int32]
     bvh_root: NDArray[np.float64]
+    solids: NDArray[np.float64]
     n_triangles: int  # placed ones
     n_shapes: int
     n_planes: int
     n_lights: int
     n_placements: int
+    n_solids: int
 
 
 class FilmBlocks(NamedTuple):
@@ -343,6 +353,7 @@ FIELDS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "bvh_children": ("int32", (None, 4)),
     "bvh_slots": ("int32", (None,)),
     "bvh_root": ("float64", (2, 3)),
+    "solids": ("float64", (None, N_SOLID)),
 }
 
 

@@ -189,6 +189,27 @@ MUTANTS = [
         "if c < 0.0 and view",
     ),
     Mutant(
+        "open-meshes-have-an-inside",
+        "tests/tracer/render/test_render_solids.py::test_where_there_is_none",
+        "render/solids.py",
+        "return bool(total == np.uint64(0))",
+        "return True",
+    ),
+    Mutant(
+        "lamps-within-are-hidden",
+        "tests/tracer/render/test_render_solids.py::test_a_lamp_within_the_mesh_or_its_box",
+        "shading/solids.py",
+        "if abs(off) > _OUTSIDE:",
+        "if abs(off) >= 0.0:",
+    ),
+    Mutant(
+        "hidden-by-what-is-behind",
+        "tests/tracer/render/test_render_solids.py::test_floor_between_ball_and_lamp",
+        "shading/solids.py",
+        "between = along > zero",
+        "between = along == along",
+    ),
+    Mutant(
         "shuffled-by-another-pixel",
         "tests/tracer/sampling/test_sampling_lanes.py::test_places_in_a_pixel_are_the_same_points",
         "sampling/lanes.py",

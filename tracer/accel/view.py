@@ -109,11 +109,13 @@ def _write_table(scene: CompiledScene, table: int) -> None:
     store(table + 272, address_of(pointer(scene.bvh_children)))
     store(table + 280, address_of(pointer(scene.bvh_slots)))
     store(table + 288, address_of(pointer(scene.bvh_root)))
-    store(table + 296, int64(scene.placements[-1, PLACEMENT_END]))  # n_triangles
-    store(table + 304, int64(scene.shape_kind.shape[0]))  # n_shapes
-    store(table + 312, int64(scene.plane_material.shape[0]))  # n_planes
-    store(table + 320, int64(scene.light_kind.shape[0]))  # n_lights
-    store(table + 328, int64(scene.placements.shape[0]))  # n_placements
+    store(table + 296, address_of(pointer(scene.solids)))
+    store(table + 304, int64(scene.placements[-1, PLACEMENT_END]))  # n_triangles
+    store(table + 312, int64(scene.shape_kind.shape[0]))  # n_shapes
+    store(table + 320, int64(scene.plane_material.shape[0]))  # n_planes
+    store(table + 328, int64(scene.light_kind.shape[0]))  # n_lights
+    store(table + 336, int64(scene.placements.shape[0]))  # n_placements
+    store(table + 344, int64(scene.solids.shape[0]))  # n_solids
 
 
 @inline

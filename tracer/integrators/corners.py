@@ -61,6 +61,7 @@ from tracer.shading.rows import (
     put_vector,
     vector_at,
 )
+from tracer.shading.solids import may_hide, pass_through
 from tracer.shading.surfaces import face_normals, fill_surfaces
 from tracer.simd import absolute, all_lanes, load, maximum, splat, stand_alone, store
 from tracer.simd.gateway import types
@@ -227,11 +228,17 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
     """Tell what a light does to all between the corners' hits: 1 lit, -1 dark, 0 not known."""
     corners = _int64(NIBBLE)
     # what it counts is nobody's: into memory that only shapes need
-    facing = face_light(view, light, scratch.hits, scratch.shadows, corners, scratch.stack)
+    facing = face_light(view, light, scratch.hits, int64(0), corners, scratch.stack)
     if facing != corners or not _one_side(scratch):
         return 0
     if view.settings[SETTING_SHADOWS] == 0:
         return 1
+    origins = offset_origins(scratch.hits, vector_at(scratch.hits + TO_LIGHT))
+    for solid in range(view.n_solids):  # what is within is convex, and the four rays are a hull's corners
+        if may_hide(view, solid, light) and all_lanes(pass_through(view, solid, light, origins)):
+            return -1
+    if face_light(view, light, scratch.hits, scratch.shadows, corners, scratch.stack) != corners:
+        return 0
     if not _goes_one_way(scratch.shadows):
         return 0
     directional = view.light_kind[light] == LIGHT_KIND_DIRECTIONAL

@@ -25,6 +25,7 @@ from tracer.render.geometry import (
 from tracer.render.materials import MaterialTable, TextureTable, build_lights
 from tracer.render.parts import MeshRecord, build_parts
 from tracer.render.settings import build_camera, build_limits, build_settings
+from tracer.render.solids import find_solids
 from tracer.render.sources import SceneFiles
 from tracer.scene import (
     AssetResolver,
@@ -43,6 +44,7 @@ from tracer.types import (
     FACE_HAS_COLORS,
     FACE_HAS_NORMALS,
     FACE_HAS_UVS,
+    MATERIAL_KT,
     PLACEMENT_END,
     CompiledScene,
     check_layout,
@@ -150,6 +152,8 @@ def compile_scene(
     build_s = time.perf_counter() - build_start
     material_rows, material_flags = materials.arrays()
     texture_rows, texels = textures.arrays()
+    lets_through = (material_rows[:, MATERIAL_KT : MATERIAL_KT + 3] != 0.0).any(axis=1)
+    opaque = [mesh for mesh in parts.baked if not lets_through[mesh.face_material].any()]
     compiled = CompiledScene(
         settings=build_settings(scene),
         limits=build_limits(scene),
@@ -166,6 +170,7 @@ def compile_scene(
         lights=lights,
         light_kind=light_kind,
         **bvh._asdict(),
+        solids=find_solids((mesh.positions, mesh.faces) for mesh in opaque),
     )
     check_layout(compiled)
     stats = CompileStats(

@@ -59,6 +59,7 @@ class Parts(NamedTuple):
     trees: list[NDArray[np.int64]]
     placements: list[Placement]
     saved_bytes: int  # what was not stored again
+    baked: list[MeshRecord]  # what is drawn once, in the world
 
 
 def build_parts(meshes: Sequence[MeshRecord], build: Callable[..., NDArray[np.int64]]) -> Parts:
@@ -114,7 +115,7 @@ def build_parts(meshes: Sequence[MeshRecord], build: Callable[..., NDArray[np.in
             each = trees[-1].nbytes + _VERTEX_BYTES * n_vertices + _FACE_BYTES * n_faces
             saved += (len(uses) - 1) * each + (len(uses) - len(choices)) * _MATERIAL_BYTES * n_faces
         vertex, face = vertex + n_vertices, face + n_faces
-    return Parts({**arrays, "face_material": np.concatenate(materials)}, trees, placements, saved)
+    return Parts({**arrays, "face_material": np.concatenate(materials)}, trees, placements, saved, baked)
 
 
 def _baked(mesh: MeshRecord) -> MeshRecord:

@@ -47,6 +47,7 @@ from tracer.shading.rows import (
     spread,
     vector_at,
 )
+from tracer.shading.solids import may_hide, pass_through
 from tracer.simd import (
     absolute,
     all_lanes,
@@ -76,6 +77,7 @@ from tracer.types import (
     LIGHT_SPOT_OFFSET,
     LIGHT_SPOT_SCALE,
     N_LIGHT,
+    SETTING_SKIP,
     SceneView,
     Vec3,
 )
@@ -83,6 +85,7 @@ from tracer.types import (
 _int64: Final = types.int64
 _SKIPPED_FACING: Final = COUNTERS.index("shadow_rays_skipped_facing")
 _SKIPPED_BLACK: Final = COUNTERS.index("shadow_rays_skipped_black")
+_SKIPPED_SOLID: Final = COUNTERS.index("shadow_rays_skipped_solid")
 _FAINTEST: Final = 40.0 * math.log(2.0)
 _MOST_SQUARED: Final = 1024.0  # exponent of highlights that are found by squaring
 _INTEGER: Final = 2.0**52  # added to a number, shows its integer in the lowest bits
@@ -233,6 +236,7 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
     against = negate(at(view.lights, i + LIGHT_DIRECTION))
     shear = shear_of(against.x, against.y, against.z)
     speed = against.z if shear[2] == 2 else (against.y if shear[2] == 1 else against.x)
+    n_solids = view.n_solids if view.settings[SETTING_SKIP] != 0 else _int64(0)
     lit = _int64(0)
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE
@@ -251,6 +255,16 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         counters[_SKIPPED_BLACK] += population_count(facing & ~useful)
         if useful == 0:
             continue
+        wanted = useful
+        origin = to_light  # if no shadow rays are wanted, nobody asks for it
+        if shadows != 0:
+            origin = offset_origins(ray, to_light)
+            for solid in range(n_solids):
+                if may_hide(view, solid, light):
+                    useful &= ~mask_to_bits(pass_through(view, solid, light, origin))
+            counters[_SKIPPED_SOLID] += population_count(wanted & ~useful)
+            if useful == 0:
+                continue
         lit |= useful << (LANES * k)
         store(ray + TO_LIGHT, to_light.x)
         store(ray + TO_LIGHT + ROW, to_light.y)
@@ -259,7 +273,6 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         store(ray + STRENGTH, strength)
         if shadows == 0:
             continue
-        origin = offset_origins(ray, to_light)
         shadow = shadows + STEP * k
         store(shadow + ORIGIN, origin.x)
         store(shadow + ORIGIN + ROW, origin.y)
