@@ -191,7 +191,7 @@ MUTANTS = [
     Mutant(
         "open-meshes-have-an-inside",
         "tests/tracer/render/test_render_solids.py::test_where_there_is_none",
-        "render/solids.py",
+        "render/inside.py",
         "return bool(total == np.uint64(0))",
         "return True",
     ),
