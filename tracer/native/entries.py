@@ -28,6 +28,8 @@ ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "tracer.accel.emit.emit_node": ("f4:2", "i4:2", "f4:2", "f8:2", "i4:2", "i", "i8:1", "i", "i", "i8:2"),
     "tracer.accel.emit.emit_subtree": ("f4:2", "i4:2", "f4:2", "f8:2", "i4:2", "i", "i8:1", "i", "i"),
     "tracer.accel.binned.build_tree": ("f8:2", "i", "f8:2", "i4:2", "i4:1"),
+    "tracer.render.contrast.measure_contrast": ("f8:5", "i4:2", "i", "i", "i", "f8:1"),
+    "tracer.render.contrast.scale_sums": ("f8:5", "i8:1", "d"),
     "tracer.render.blocks.render_blocks": ("scene", "i4:2", "i", "i", "i8:1", "f8:5", "i8:1"),
 }
 
