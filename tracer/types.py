@@ -26,7 +26,7 @@ CHANNELS: Final = ("R", "G", "B")
 
 # --- counters -------------------------------------------------------------------------------------------------------
 COUNTERS: Final[tuple[str, ...]] = (
-    "samples",  # image samples taken
+    "samples",  # image samples that the picture's pixels are the mean of
     "primary_rays",  # camera rays
     "shadow_rays",  # shadow rays traced
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
@@ -39,8 +39,8 @@ COUNTERS: Final[tuple[str, ...]] = (
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
-    # adaptive sampling (tracer.render.adaptive); rays and all that is skipped above also count what the first samples
-    # of a block cost where a crop cuts it, `samples` and what follows do not
+    # adaptive sampling (tracer.render.adaptive): rays, and what is skipped of them, count all that was done to decide,
+    # `samples` only what pixels are the mean of
     "samples_skipped_adaptive",  # not taken: the block's first samples show no detail
     "adaptive_blocks_audited",  # whole blocks of which that is true, and that were finished all the same
     "adaptive_blocks_missed",  # of these, those of which all samples show detail

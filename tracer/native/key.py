@@ -31,6 +31,8 @@ _KERNEL_SOURCES: Final = (
     "shading",
     "integrators",
     "render/blocks.py",
+    "render/contrast.py",
+    "render/places.py",
 )
 _IMAGE_SOURCES: Final = ("native/build.py", "native/entries.py", "native/image.py", "native/link.py")
 _CPU_FIELDS: Final = frozenset(

@@ -1,8 +1,10 @@
 """Adaptive sampling: blocks of 16 x 16 pixels in which the first samples show no detail take no more.
 
-Job: every block takes `SETTING_MIN_SAMPLES`; those whose contrast reaches `LIMIT_ADAPTIVE_THRESHOLD` take the rest of
+Job: every block takes `SETTING_MIN_SAMPLES`; those whose contrast reaches `LIMIT_ADAPTIVE_THRESHOLD` take all of
 `SETTING_SAMPLES`, and so does one in 64 whatever it shows, which tells how much was missed. A pixel is the mean of its
-own samples.
+own samples. A block that takes all takes the first ones again, so that it has the bits that it has without this option.
+That is no waste where there are many: packets of 64 rays of one pixel travel better than what is left of a pixel's
+samples, 60 and 4 of the next one's (`benchmarks/results/adaptive.md`).
 
 The measure is the contrast of neighbouring pixels, as renderers have asked since Whitted 1980 and Mitchell 1987: the
 root of the mean squared difference, all pairs of the block side by side and one above the other, all channels, linear
@@ -95,10 +97,10 @@ def render_adaptively(render: Render, scene: CompiledScene, blocks: Blocks) -> F
         _clear_outside(sums[block], inside[block])
     scale_sums(sums, left, n_samples / n_first)
     if len(finished):
-        rest = render(scene, blocks[finished], (n_first, n_samples))
-        sums[finished] += rest.sums
+        whole = render(scene, blocks[finished], (0, n_samples))
+        sums[finished] = whole.sums
         skipped = counters[_PIXELS_SKIPPED]
-        counters += rest.counters
+        counters += whole.counters
         counters[_PIXELS_SKIPPED] = skipped  # the same pixels once more
 
     n_skipped = (n_samples - n_first) * int(n_pixels[left].sum())
