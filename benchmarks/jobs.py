@@ -4,7 +4,8 @@
 
 *whole*: the mirror box (`benchmarks.mirrorbox`), 32 triangles and 1.31 M, 16 samples, one core; *start*: a 64 x 64
 picture from process start and through a running service; *compile*: all kernels into an empty cache; *growth*: with
-triangles, lights, resolution and depth; *workers*: two workers against one, long, only when named.
+triangles, lights, resolution and depth; *workers*: two workers against one, only when named: about 10 minutes;
+interrupted, it goes on where it was.
 Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
 
 Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
@@ -200,7 +201,9 @@ def main() -> int:
             min(options.largest, 1e4 if options.small else 1e9),
             4 if options.small else 1,
         ),
-        "workers": lambda: measure_workers(repeats, 2.0 if options.small else 60.0),
+        "workers": lambda: measure_workers(
+            repeats, 2.0 if options.small else 60.0, REPOSITORY / "out" / "workers.json"
+        ),
     }
     unknown = chosen - parts.keys()
     if unknown:

@@ -104,7 +104,7 @@ class Adaptive(SceneModel):
     """Blocks of 16 x 16 pixels in which the first samples show no detail take no more."""
 
     min_samples: Annotated[Whole, Field(ge=2, le=MAX_SAMPLES_PER_PIXEL, multiple_of=2)] = Field(
-        default=4, description="Samples that every pixel gets, fewer than all.", examples=[4]
+        default=2, description="Samples that every pixel gets, fewer than all.", examples=[2]
     )
     threshold: Annotated[Number, Field(ge=0.0, le=MAX_COLOR)] = Field(
         default=0.01,
@@ -128,7 +128,7 @@ class Sampling(SceneModel):
     adaptive: Adaptive | None = Field(
         default=None,
         description="Leaves out samples where little changes. Left out: every pixel gets all.",
-        examples=[{"min_samples": 4, "threshold": 0.01}],
+        examples=[{"min_samples": 2, "threshold": 0.01}],
     )
 
     @model_validator(mode="after")

@@ -191,7 +191,7 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
     }
     if draw(st.booleans()):
         document["sampling"] = {"samples": draw(st.integers(1, 4096)), "seed": draw(st.integers(0, 2**32 - 1))}
-        if draw(st.booleans()) and document["sampling"]["samples"] > 4:
+        if draw(st.booleans()) and document["sampling"]["samples"] > 2:
             document["sampling"]["adaptive"] = {"threshold": draw(st.floats(0, 1e6))}
     if draw(st.booleans()):
         document["name"] = draw(names)

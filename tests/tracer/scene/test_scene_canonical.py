@@ -64,4 +64,4 @@ def test_companions_without_a_hash_stay_in_the_canonical_text() -> None:
 def test_adaptive_sampling_stands_in_the_text_only_where_it_is_asked_for() -> None:
     fixed, adaptive = ({**MINIMAL, "sampling": {"samples": 8, **more}} for more in ({}, {"adaptive": {}}))
     assert b"adaptive" not in canonical_json(parse_scene(fixed))
-    assert b'"adaptive":{"min_samples":4,"threshold":0.01}' in canonical_json(parse_scene(adaptive))
+    assert b'"adaptive":{"min_samples":2,"threshold":0.01}' in canonical_json(parse_scene(adaptive))
