@@ -101,8 +101,11 @@ def test_samples_taken_and_skipped_add_up(threshold):
 
 
 def test_pixels_that_see_nothing_are_counted_once():
-    scene = fixed()
+    """A small sphere: blocks that hold its edge also hold pixels that cannot see it."""
+    sphere = ((-2.0, 1.0, -4.0), 0.4, material(kd=0.5))
+    scene = build(spheres=[sphere], background=[0.1, 0.2, 0.3], settings=settings(samples=16))
     film = render_compiled(adaptive(scene, threshold=1e-300))
+    assert film.counters["samples"] > 4 * 40 * 24
     assert film.counters["pixels_skipped_background"] == render_compiled(scene).counters["pixels_skipped_background"]
 
 
