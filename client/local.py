@@ -339,9 +339,9 @@ def _report(scene: "SceneDoc", film: "Film", film_sha256: str) -> dict[str, Any]
         },
         "samples_traced": samples,
         "skipped": {name: count for name, count in film.counters.items() if "_skipped_" in name},
-        "audit": {
-            "blocks": film.counters["adaptive_blocks_audited"],
-            "missed": film.counters["adaptive_blocks_missed"],
+        "adaptive": {
+            "blocks_audited": film.counters["adaptive_blocks_audited"],
+            "blocks_missed": film.counters["adaptive_blocks_missed"],
         },
         "triangles": film.stats.n_triangles,
         "trees": film.stats.n_trees,

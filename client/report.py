@@ -82,8 +82,8 @@ def work_rows(report: Mapping[str, Any]) -> list[list[str]]:
         rows.append(["rays per sample", f"{rays['per_sample']:.2f}"])
     if _number(rays.get("per_s")) is not None:
         rows.append(["speed", format_count(rays["per_s"], "rays/s")])
-    audit = _mapping(report.get("audit"))
-    blocks, missed = _number(audit.get("blocks")), _number(audit.get("missed"))
+    adaptive = _mapping(report.get("adaptive"))
+    blocks, missed = _number(adaptive.get("blocks_audited")), _number(adaptive.get("blocks_missed"))
     if blocks and missed is not None:
         text = f"{missed:.0f} of {blocks:.0f} blocks that seemed to have no detail, and got all samples, had some"
         rows.append(["adaptive sampling", text])

@@ -143,9 +143,9 @@ def build_report(
         },
         "samples_traced": samples,
         "skipped": skipped,
-        "audit": {
-            "blocks": totals.counters.get("adaptive_blocks_audited", 0),
-            "missed": totals.counters.get("adaptive_blocks_missed", 0),
+        "adaptive": {
+            "blocks_audited": totals.counters.get("adaptive_blocks_audited", 0),
+            "blocks_missed": totals.counters.get("adaptive_blocks_missed", 0),
         },
         "tiles": {"n": totals.n_tiles, "size": record.output["tile_size"], "workers": dict(totals.workers)},
         "triangles": figures.get("triangles"),

@@ -92,7 +92,7 @@ def test_report_on_a_terminal_is_a_table(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_an_audit_of_adaptive_sampling_is_told_where_there_was_one() -> None:
     assert not [row for row in work_rows(REPORT) if row[0] == "adaptive sampling"]
-    assert not work_rows({"audit": {"blocks": 0, "missed": 0}})
-    [row] = work_rows({"audit": {"blocks": 12, "missed": 3}})
+    assert not work_rows({"adaptive": {"blocks_audited": 0, "blocks_missed": 0}})
+    [row] = work_rows({"adaptive": {"blocks_audited": 12, "blocks_missed": 3}})
     assert row[0] == "adaptive sampling"
     assert row[1].startswith("3 of 12 blocks")
