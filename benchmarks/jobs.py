@@ -4,7 +4,8 @@
 
 *whole*: the mirror box (`benchmarks.mirrorbox`), 32 triangles and 1.31 M, 16 samples, one core; *start*: a 64 x 64
 picture from process start and through a running service; *compile*: all kernels into an empty cache; *growth*: with
-triangles, lights, resolution and depth; *workers*: two workers against one, long, only when named.
+triangles, lights, resolution and depth; *workers*: two workers against one, only when named: about 10 minutes;
+interrupted, it goes on where it was.
 Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
 
 Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
@@ -34,6 +35,7 @@ from benchmarks.jobs_page import write_page
 from benchmarks.jobs_processes import measure_compile, measure_start, measure_workers
 from benchmarks.local import compile_document
 from benchmarks.machine import describe_machine
+from tracer.rays import RayCaster
 from tracer.render import render_compiled
 from tracer.types import CompiledScene
 
@@ -41,6 +43,7 @@ PEER = "SMALTI_MITSUBA_PYTHON"
 ABSENT = f"Mitsuba is not here: set {PEER} to an interpreter with it (`pip install mitsuba`, mitsuba-renderer.org)"
 SAMPLES = 16
 WARM_TURNS = 2
+_PACKETS = 1000
 
 
 class Peer:
@@ -143,6 +146,25 @@ def measure_whole(name: str, sphere: int, size: int, repeats: int, python: str |
     return row
 
 
+def triangles_met(scene: list[mirrorbox.Part], size: int) -> float:
+    """Return how many different triangles of the sphere a packet of 64 camera rays meets, on the average.
+
+    Packets are 2 x 2 pixels of 16 samples at random places; those count of which nine rays in ten meet the sphere.
+    """
+    random = np.random.default_rng(1)
+    offsets = np.cumsum([0] + [len(part.vertices) for part in scene])
+    vertices = np.concatenate([part.vertices for part in scene]).astype(np.float64)
+    faces = np.concatenate([part.faces + offset for part, offset in zip(scene, offsets, strict=False)])
+    first = sum(len(part.faces) for part in scene if part.name != "sphere")
+    corners = 2 * random.integers(0, size // 2, (_PACKETS, 1, 1, 2)) + np.indices((2, 2)).reshape(2, 1, 4, 1).T
+    x, y = 2.0 * (corners + random.random((_PACKETS, 4, 16, 2))).reshape(-1, 2).T / size - 1.0
+    half = np.tan(np.radians(mirrorbox.FOV_DEG / 2))
+    directions = np.stack([half * x, -half * y, -np.ones_like(x)], axis=1)
+    origins = np.tile(np.array(mirrorbox.EYE), (len(directions), 1))
+    met = RayCaster(vertices, faces).closest_hit(origins, directions).primitive.reshape(_PACKETS, 64)
+    return float(np.mean([len(set(row)) for row in met[(met >= first).mean(axis=1) > 0.9]]))
+
+
 def measure_growth(repeats: int, largest: float, scale: int) -> list[dict[str, Any]]:
     """Measure how cost grows; ``scale`` divides the picture's edge (to try the script)."""
     rows: list[dict[str, Any]] = []
@@ -160,10 +182,16 @@ def measure_growth(repeats: int, largest: float, scale: int) -> list[dict[str, A
         print(row, flush=True)
 
     size = 256 // scale
-    for exponent in range(2, 8):
-        if 10**exponent <= largest:
-            scene = mirrorbox.parts(10**exponent)
-            measure("triangles", sum(len(part.faces) for part in scene), scene, size, 16)
+    exponents = [exponent for exponent in range(2, 8) if 10**exponent <= largest]
+    for exponent in exponents:
+        scene = mirrorbox.parts(10**exponent)
+        measure("triangles", sum(len(part.faces) for part in scene), scene, size, 16)
+        rows[-1] |= {"size": size, "met_by_packet": triangles_met(scene, size)}
+    # as many triangles a pixel as the next or the last of these has
+    for exponent, edge in zip(exponents[-2:], (size / 10**0.5, size * 10**0.5), strict=False):
+        scene = mirrorbox.parts(10**exponent)
+        measure("fineness", sum(len(part.faces) for part in scene), scene, round(edge), 16)
+        rows[-1] |= {"size": round(edge), "met_by_packet": triangles_met(scene, round(edge))}
     for lights in (1, 2, 4, 8, 16, 32, 64):
         measure("lights", lights, mirrorbox.parts(), size, 4, lights=lights)
     for edge in (64, 128, 256, 512, 1024):
@@ -200,7 +228,9 @@ def main() -> int:
             min(options.largest, 1e4 if options.small else 1e9),
             4 if options.small else 1,
         ),
-        "workers": lambda: measure_workers(repeats, 2.0 if options.small else 60.0),
+        "workers": lambda: measure_workers(
+            repeats, 2.0 if options.small else 60.0, REPOSITORY / "out" / "workers.json"
+        ),
     }
     unknown = chosen - parts.keys()
     if unknown:

@@ -18,8 +18,10 @@ from typing import Any
 
 from benchmarks.cornell import cornell_box
 from benchmarks.data import REPOSITORY
+from benchmarks.machine import describe_machine, machine_line
 from client.api import Client, require_success
 from client.launch import service
+from tracer.native.key import kernel_key
 
 # Prints seconds of each step as JSON; what `smalti render` does, in its order.
 _STEPS = """
@@ -47,6 +49,7 @@ seconds = {"import_s": imported - start, "kernels_s": loaded - imported}
 print(json.dumps({**seconds, "render_s": rendered - loaded, "write_s": written - rendered}))
 """
 _WAIT_S = 60
+_WORKERS = ("one", "two")
 
 
 def timed(command: list[str], **variables: str) -> tuple[float, float, str]:
@@ -143,29 +146,39 @@ def rendering_s(client: Client, samples: int, seed: int) -> tuple[float, float]:
     return float(report["seconds"]["first_lease_to_last_tile"]), float(report["kernel_s"])
 
 
-def measure_workers(repeats: int, kernel_s: float) -> list[dict[str, Any]]:
-    """Measure two workers against one, in turns, on a job of at least ``kernel_s`` seconds in kernels."""
-    seconds: dict[int, list[float]] = {1: [], 2: []}
-    kernels: dict[int, list[float]] = {1: [], 2: []}
-    samples = 0
-    for turn in range(repeats):
-        for workers in (1, 2):
+def turns_so_far(kept: Path, job: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the turns of a run that was interrupted: of this very job and these kernels, else none."""
+    found: dict[str, Any] = json.loads(kept.read_text()) if kept.is_file() else {}
+    turns: list[dict[str, Any]] = found.get("turns", []) if found.get("job") == job else []
+    return turns
+
+
+def measure_workers(repeats: int, kernel_s: float, kept: Path) -> list[dict[str, Any]]:
+    """Measure two workers against one, in turns, on a job of at least ``kernel_s`` seconds in kernels.
+
+    Each turn is printed and kept in a file, so that a run that was interrupted goes on where it was; the file is
+    deleted at the end.
+    """
+    job = {"kernel_s": kernel_s, "kernels": kernel_key(), "machine": machine_line(describe_machine())}
+    turns = turns_so_far(kept, job)
+    while len(turns) < repeats:
+        samples = turns[0]["samples"] if turns else 0
+        turn: dict[str, Any] = {}
+        for workers, name in enumerate(_WORKERS, start=1):
             with service(workers=workers) as running, Client(running.url, timeout_s=900.0) as client:
                 rendering_s(client, 1, 0)  # the workers load their kernels
                 if samples == 0:
                     samples = max(1, math.ceil(16 * 1.1 * kernel_s / rendering_s(client, 16, 0)[1]))
-                wall_s, in_kernels_s = rendering_s(client, samples, turn + 1)
-                seconds[workers].append(wall_s)
-                kernels[workers].append(in_kernels_s)
-    pairs = [one / two for one, two in zip(seconds[1], seconds[2], strict=True)]
-    return [
-        {
-            "what": "two workers against one",
-            "samples": samples,
-            "one_s": seconds[1],
-            "two_s": seconds[2],
-            "kernel_one_s": kernels[1],
-            "kernel_two_s": kernels[2],
-            "ratio": statistics.median(pairs),
-        }
-    ]
+                turn[f"{name}_s"], turn[f"kernel_{name}_s"] = rendering_s(client, samples, len(turns) + 1)
+        turns.append({**turn, "samples": samples})
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        part = kept.with_suffix(".part")
+        part.write_text(json.dumps({"job": job, "turns": turns}, indent=1) + "\n")
+        part.replace(kept)
+        print(f"workers, turn {len(turns)} of {repeats}: {json.dumps(turns[-1])}", flush=True)
+    turns = turns[:repeats]
+    kept.unlink(missing_ok=True)
+    names = [f"{of}{name}_s" for of in ("", "kernel_") for name in _WORKERS]
+    columns = {name: [turn[name] for turn in turns] for name in names}
+    ratio = statistics.median(turn["one_s"] / turn["two_s"] for turn in turns)
+    return [{"what": "two workers against one", "samples": turns[0]["samples"], "ratio": ratio, **columns}]

@@ -338,7 +338,11 @@ def _report(scene: "SceneDoc", film: "Film", film_sha256: str) -> dict[str, Any]
             "per_s": sum(rays.values()) / film.wall_s if film.wall_s > 0 else None,
         },
         "samples_traced": samples,
-        "skipped": {name: count for name, count in film.counters.items() if name != "samples" and name not in rays},
+        "skipped": {name: count for name, count in film.counters.items() if "_skipped_" in name},
+        "adaptive": {
+            "blocks_audited": film.counters["adaptive_blocks_audited"],
+            "blocks_missed": film.counters["adaptive_blocks_missed"],
+        },
         "triangles": film.stats.n_triangles,
         "trees": film.stats.n_trees,
         "placements": film.stats.n_placements,

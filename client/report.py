@@ -18,6 +18,7 @@ SKIPPED_NAMES: Mapping[str, str] = {
     "bounces_skipped_depth": "bounces beyond the greatest depth",
     "bounces_skipped_throughput": "bounces too faint to see",
     "pixels_skipped_background": "pixels that see only the background",
+    "samples_skipped_adaptive": "samples of blocks without detail",
 }
 
 
@@ -81,6 +82,11 @@ def work_rows(report: Mapping[str, Any]) -> list[list[str]]:
         rows.append(["rays per sample", f"{rays['per_sample']:.2f}"])
     if _number(rays.get("per_s")) is not None:
         rows.append(["speed", format_count(rays["per_s"], "rays/s")])
+    adaptive = _mapping(report.get("adaptive"))
+    blocks, missed = _number(adaptive.get("blocks_audited")), _number(adaptive.get("blocks_missed"))
+    if blocks and missed is not None:
+        text = f"{missed:.0f} of {blocks:.0f} blocks that seemed to have no detail, and got all samples, had some"
+        rows.append(["adaptive sampling", text])
     scene_bytes = _number(_mapping(report.get("bytes")).get("compiled_scene"))
     if scene_bytes:
         saved = _number(_mapping(report.get("bytes")).get("saved_by_sharing"))

@@ -13,6 +13,7 @@ from service.schemas import Estimate, ImageView
 from tracer.scene import AmbientLight, Mesh, MeshAsset, SceneDoc, transform_rows
 from tracer.scene.limits import MAX_COORDINATE
 from tracer.scene.transforms import determinant
+from worker.contract import BLOCK_PX
 from worker.grid import TileGrid, choose_tile_size
 
 # Of a compiled scene, per inline triangle: 72 bytes of vertices and indices, about 2 BVH nodes of 64 bytes to three
@@ -66,6 +67,8 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
     samples_total = width * height * scene.sampling.samples
     tile_size = tile_size or choose_tile_size(x, y, width, height, scene.sampling.samples)
     n_tiles = TileGrid(x, y, width, height, tile_size).n_tiles
+    traced = samples_total + _samples_to_decide(scene)
+    films = 1 if scene.sampling.adaptive is None else 2  # of the first samples, and of all
     features, skipped = features_of(scene)
     used = _used_names(scene)
     return Estimate(
@@ -73,12 +76,12 @@ def estimate(scene: SceneDoc, scene_json: bytes, tile_size: int | None) -> Estim
         image=ImageView(width=scene.image.width, height=scene.image.height),
         samples_per_pixel=scene.sampling.samples,
         samples_total=samples_total,
-        rays_at_most=samples_total * _rays_of_a_path(scene),
-        cpu_seconds=_cpu_seconds(samples_total * _rays_expected(scene), n_tiles),
+        rays_at_most=traced * _rays_of_a_path(scene),
+        cpu_seconds=_cpu_seconds(traced * _rays_expected(scene), n_tiles),
         tiles=n_tiles,
         memory_bytes=_WORKER_BYTES
         + _mesh_bytes([thing for thing in scene.objects if isinstance(thing, Mesh)])
-        + min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
+        + films * min(tile_size, width) * min(tile_size, height) * _FILM_BYTES_PER_PIXEL,
         result_bytes=width * height * _RESULT_BYTES_PER_PIXEL,
         store_bytes=width * height * (_TILE_BYTES_PER_PIXEL + _RESULT_BYTES_PER_PIXEL),
         features=features,
@@ -127,6 +130,17 @@ def _may_move(mesh: Mesh) -> bool:
     return _MOST_SKEW * abs(determinant(rows)[0]) * sizes > 6.0 and farthest <= MAX_COORDINATE
 
 
+def _samples_to_decide(scene: SceneDoc) -> int:
+    """Return how many samples adaptive sampling takes to decide: in whole blocks, also where a crop cuts them."""
+    if scene.sampling.adaptive is None:
+        return 0
+    x, y, width, height = scene.image.rect
+    ends = (x + width, scene.image.width), (y + height, scene.image.height)
+    right, bottom = (min(side, -(-end // BLOCK_PX) * BLOCK_PX) for end, side in ends)
+    left, top = x // BLOCK_PX * BLOCK_PX, y // BLOCK_PX * BLOCK_PX
+    return (right - left) * (bottom - top) * scene.sampling.adaptive.min_samples
+
+
 def _rays_of_a_path(scene: SceneDoc) -> int:
     """Return the most rays that one primary ray can cause, itself included.
 
@@ -173,6 +187,7 @@ def features_of(scene: SceneDoc) -> tuple[list[str], list[str]]:
         "camera:view_plane": scene.camera.type == "view_plane",
         "camera:orthographic": scene.camera.type == "orthographic",
         "crop": scene.image.crop is not None,
+        "adaptive_sampling": scene.sampling.adaptive is not None,
         "shadows": scene.integrator.shadows and bool(directed),
         "reflection": scene.integrator.max_depth > 0 and any(any(material.kr) for material in materials),
         "transmission": scene.integrator.max_depth > 0 and any(any(material.kt) for material in materials),

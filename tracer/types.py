@@ -28,7 +28,7 @@ CHANNELS: Final = ("R", "G", "B")
 
 # --- counters -------------------------------------------------------------------------------------------------------
 COUNTERS: Final[tuple[str, ...]] = (
-    "samples",  # image samples taken
+    "samples",  # image samples that the picture's pixels are the mean of
     "primary_rays",  # camera rays
     "shadow_rays",  # shadow rays traced
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
@@ -42,6 +42,11 @@ COUNTERS: Final[tuple[str, ...]] = (
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene
+    # adaptive sampling (tracer.render.adaptive): rays, and what is skipped of them, count all that was done to decide,
+    # `samples` only what pixels are the mean of
+    "samples_skipped_adaptive",  # not taken: the block's first samples show no detail
+    "adaptive_blocks_audited",  # whole blocks of which that is true, and that were finished all the same
+    "adaptive_blocks_missed",  # of these, those of which all samples show detail
 )
 
 # --- settings: int64 (N_SETTINGS,) ----------------------------------------------------------------------------------
@@ -58,7 +63,8 @@ SETTING_MAX_DEPTH: Final = 9  # bounces after the primary ray
 SETTING_SHADOWS: Final = 10  # 0 or 1
 SETTING_CAMERA: Final = 11  # CAMERA_*
 SETTING_SKIP: Final = 12  # 1: fill pixels whose primary rays cannot meet the scene (same picture either way)
-N_SETTINGS: Final = 13
+SETTING_MIN_SAMPLES: Final = 13  # adaptive sampling: samples that every block takes, even; 0: all take SETTING_SAMPLES
+N_SETTINGS: Final = 14
 
 SAMPLER_INDEPENDENT: Final = 0
 SAMPLER_STRATIFIED: Final = 1
@@ -69,7 +75,8 @@ CAMERA_ORTHOGRAPHIC: Final = 1  # common direction -w, origin on the view plane
 
 # --- limits: float64 (N_LIMITS,) ------------------------------------------------------------------------------------
 LIMIT_MIN_THROUGHPUT: Final = 0
-N_LIMITS: Final = 1
+LIMIT_ADAPTIVE_THRESHOLD: Final = 1  # contrast, linear radiance, from which a block takes all samples
+N_LIMITS: Final = 2
 
 # --- camera: float64 (N_CAMERA,) ------------------------------------------------------------------------------------
 CAMERA_EYE: Final = 0  # 0..2   e, world
@@ -309,7 +316,9 @@ class SceneView(NamedTuple):
 class FilmBlocks(NamedTuple):
     """What a backend returns for ``n`` blocks of 16 x 16 pixels."""
 
-    sums: NDArray[np.float64]  # (n, 2, 16, 16, 3) sums of linear RGB over even / odd sample indices; 0 outside the crop
+    # (n, 2, 16, 16, 3) sums of linear RGB over even / odd sample indices; 0 outside the crop; of blocks that took fewer
+    # samples than were asked for (adaptive sampling) scaled to as many
+    sums: NDArray[np.float64]
     n_samples: NDArray[np.int64]  # (2,) samples in each half
     counters: NDArray[np.int64]  # (len(COUNTERS),)
 

@@ -105,7 +105,7 @@ def build_report(
     figures = dict(plan.get("figures", {}))
     samples = totals.counters.get("samples", 0)
     rays = {name: totals.counters[name] for name in totals.counters if name.endswith("_rays")}
-    skipped = {name: value for name, value in totals.counters.items() if name != "samples" and name not in rays}
+    skipped = {name: value for name, value in totals.counters.items() if "_skipped_" in name}
     seconds = totals.rendering_s
     report = {
         "job": record.id,
@@ -143,6 +143,10 @@ def build_report(
         },
         "samples_traced": samples,
         "skipped": skipped,
+        "adaptive": {
+            "blocks_audited": totals.counters.get("adaptive_blocks_audited", 0),
+            "blocks_missed": totals.counters.get("adaptive_blocks_missed", 0),
+        },
         "tiles": {"n": totals.n_tiles, "size": record.output["tile_size"], "workers": dict(totals.workers)},
         "triangles": figures.get("triangles"),
         "trees": figures.get("n_trees"),

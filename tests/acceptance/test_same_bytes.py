@@ -28,6 +28,7 @@ CROPPED: dict[str, Any] = {
     **SCENE,
     "image": {**SCENE["image"], "crop": {"x": 37, "y": 21, "width": 150, "height": 90}},
 }
+ADAPTIVE: dict[str, Any] = {**SCENE, "sampling": {**SCENE["sampling"], "adaptive": {"threshold": 0.05}}}
 LONG: dict[str, Any] = {**SCENE, "sampling": {"samples": 400, "seed": 5}}
 
 
@@ -76,7 +77,8 @@ def test_tiles_workers_ways_and_a_killed_worker(tmp_path: Path) -> None:
     assert rendered_here(SCENE, tmp_path / "threads", "--threads", "2", "--tile-size", "96") == here
     cropped = rendered_here(CROPPED, tmp_path / "crop")
     long = rendered_here(LONG, tmp_path / "long")
-    assert len({here, cropped, long}) == 3
+    adaptive = rendered_here(ADAPTIVE, tmp_path / "adaptive")
+    assert len({here, cropped, long, adaptive}) == 4
     films = set()
     for workers in (1, 2, 4):
         with service(workers=workers) as running, Client(running.url) as client:
@@ -86,6 +88,8 @@ def test_tiles_workers_ways_and_a_killed_worker(tmp_path: Path) -> None:
                 films.add(film)
             if workers == 2:
                 assert rendered_there(client, CROPPED, tmp_path)[:2] == cropped
+                for tile_size in (16, 96):
+                    assert rendered_there(client, ADAPTIVE, tmp_path, tile_size)[:2] == adaptive
             if workers == 4:
                 job = client.submit(LONG, output={"tile_size": 32})
                 os.kill(a_busy_worker(running.url), signal.SIGKILL)

@@ -88,3 +88,11 @@ def test_report_on_a_terminal_is_a_table(monkeypatch: pytest.MonkeyPatch) -> Non
     text = sys.stdout.getvalue()  # type: ignore[attr-defined]
     assert "rendering, first to last tile" in text
     assert "80.0 %" in text
+
+
+def test_an_audit_of_adaptive_sampling_is_told_where_there_was_one() -> None:
+    assert not [row for row in work_rows(REPORT) if row[0] == "adaptive sampling"]
+    assert not work_rows({"adaptive": {"blocks_audited": 0, "blocks_missed": 0}})
+    [row] = work_rows({"adaptive": {"blocks_audited": 12, "blocks_missed": 3}})
+    assert row[0] == "adaptive sampling"
+    assert row[1].startswith("3 of 12 blocks")

@@ -52,7 +52,7 @@ TESTS = {
 }
 ELSEWHERE = {
     "N6": "tests/numerics/test_rays_undefined.py",
-    "N22": "tests/acceptance/test_same_bytes.py; resume and adaptive sampling wait for these features",
+    "N22": "tests/acceptance/test_same_bytes.py, tests/tracer/render/test_render_adaptive.py; resume waits for that feature",
     "N24": "tests/tracer/loaders and tests/tracer/scene",
     "N25": "make mutants",
 }

@@ -150,3 +150,22 @@ def test_each_feature_is_either_used_or_skipped() -> None:
     mirror = {"materials": {"m": {"kr": 0.5, "kt": 0.5}}}
     assert {"reflection", "transmission"} <= set(features_of(scene(**mirror))[0])
     assert {"reflection", "transmission"} <= set(features_of(scene(**mirror, integrator={"max_depth": 0}))[1])
+
+
+@pytest.mark.parametrize(
+    ("image", "deciding"),
+    [
+        ({"width": 40, "height": 20}, 40 * 20),
+        ({"width": 40, "height": 20, "crop": {"x": 15, "y": 3, "width": 2, "height": 2}}, 32 * 16),
+        ({"width": 40, "height": 20, "crop": {"x": 39, "y": 19, "width": 1, "height": 1}}, 8 * 4),
+    ],
+)
+def test_adaptive_sampling_adds_what_decides_to_the_bound(image: dict[str, Any], deciding: int) -> None:
+    """All blocks may turn out to need all samples, after the first ones of whole blocks were taken for nothing."""
+    fixed, adaptive = (
+        estimate(scene(image=image, objects=[TRIANGLE], lights=[], sampling={"samples": 16, **more}), b"", 64)
+        for more in ({}, {"adaptive": {"min_samples": 6}})
+    )
+    assert adaptive.samples_total == fixed.samples_total
+    assert adaptive.rays_at_most == fixed.rays_at_most + 6 * deciding
+    assert ("adaptive_sampling" in adaptive.features, "adaptive_sampling" in fixed.skipped) == (True, True)

@@ -31,6 +31,8 @@ ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "tracer.render.inside.hash_places": ("f8:2", "u8:2", "u8:1"),
     "tracer.render.inside.is_closed": ("i4:2", "u8:1"),
     "tracer.render.inside.measure_ball": ("f8:2", "i4:2", "f8:1", "f8:1", "f8:1"),
+    "tracer.render.contrast.measure_contrast": ("f8:5", "i4:2", "i", "i", "i", "f8:1"),
+    "tracer.render.contrast.scale_sums": ("f8:5", "i8:1", "d"),
     "tracer.render.blocks.render_blocks": ("scene", "i4:2", "i", "i", "i8:1", "f8:5", "i8:1"),
 }
 

@@ -32,6 +32,7 @@ _KERNEL_SOURCES: Final = (
     "integrators",
     "render/blocks.py",
     "render/inside.py",
+    "render/contrast.py",
 )
 _IMAGE_SOURCES: Final = ("native/build.py", "native/entries.py", "native/image.py", "native/link.py")
 _CPU_FIELDS: Final = frozenset(

@@ -4,12 +4,14 @@ Invariants: a backend is stateless, so one serves any number of threads; what it
 `arithmetic` names its class of arithmetic and stands in the hash of every render. Today there is the CPU's.
 """
 
+from functools import partial
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracer.native.entries import entry
+from tracer.render.adaptive import is_adaptive, render_adaptively
 from tracer.render.compile import compile_scene
 from tracer.scene import AssetResolver, SceneDoc
 from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, Remembered, check_layout
@@ -51,7 +53,7 @@ class Backend(Protocol):
         blocks : int32 (n, 2)
             Block coordinates (bx, by) in units of 16 px of the absolute image grid.
         sample_range
-            Half-open range of sample indices.
+            Half-open range of sample indices; of a scene with adaptive sampling all.
         cancel : int64 (1,)
             Another thread sets it to non-zero to stop the render.
 
@@ -87,7 +89,8 @@ class CpuBackend:
         Raises
         ------
         ValueError
-            The arrays are not what the kernel reads, or the sample range is not within the scene's samples.
+            The arrays are not what the kernel reads, or the sample range is not within the scene's samples, or not all
+            of them where sampling is adaptive.
         """
         if not self._checked.are(compiled):
             check_layout(compiled)
@@ -97,18 +100,32 @@ class CpuBackend:
         scene = CompiledScene(*fields)
         blocks = np.ascontiguousarray(blocks, np.int32)
         first, end = sample_range
+        n_samples = int(scene.settings[SETTING_SAMPLES])
         if blocks.ndim != 2 or blocks.shape[1] != 2 or (len(blocks) and blocks.min() < 0):
             raise ValueError("blocks: expected non-negative int32 (n, 2)")
-        if not 0 <= first < end <= scene.settings[SETTING_SAMPLES]:
-            raise ValueError(f"sample range {sample_range}: expected within 0 .. {scene.settings[SETTING_SAMPLES]}")
+        if not 0 <= first < end <= n_samples:
+            raise ValueError(f"sample range {sample_range}: expected within 0 .. {n_samples}")
         if cancel.dtype != np.int64 or cancel.shape != (1,):
             raise ValueError("cancel: expected int64 (1,)")
-        sums = np.zeros((len(blocks), 2, BLOCK_PX, BLOCK_PX, 3))
-        counters = np.zeros(len(COUNTERS), np.int64)
-        if not render_blocks(scene, blocks, first, end, cancel, sums, counters):
-            raise Canceled
-        n_even = (end + 1) // 2 - (first + 1) // 2
-        return FilmBlocks(sums, np.array([n_even, end - first - n_even], np.int64), counters)
+        take = partial(_take_samples, cancel)
+        if not is_adaptive(scene):
+            return take(scene, blocks, (first, end))
+        if (first, end) != (0, n_samples):
+            raise ValueError(f"sample range {sample_range}: expected all {n_samples} samples of an adaptive scene")
+        return render_adaptively(take, scene, blocks)
+
+
+def _take_samples(
+    cancel: NDArray[np.int64], scene: CompiledScene, blocks: NDArray[np.int32], sample_range: tuple[int, int]
+) -> FilmBlocks:
+    """Take a range of samples of all pixels of some blocks."""
+    first, end = sample_range
+    sums = np.zeros((len(blocks), 2, BLOCK_PX, BLOCK_PX, 3))
+    counters = np.zeros(len(COUNTERS), np.int64)
+    if not render_blocks(scene, blocks, first, end, cancel, sums, counters):
+        raise Canceled
+    n_even = (end + 1) // 2 - (first + 1) // 2
+    return FilmBlocks(sums, np.array([n_even, end - first - n_even], np.int64), counters)
 
 
 _BACKENDS: Final[dict[str, type[CpuBackend]]] = {"cpu": CpuBackend}

@@ -21,6 +21,7 @@ from tracer.types import (
     CAMERA_V,
     CAMERA_VIEW_PLANE,
     CAMERA_W,
+    LIMIT_ADAPTIVE_THRESHOLD,
     LIMIT_MIN_THROUGHPUT,
     N_CAMERA,
     N_LIMITS,
@@ -35,6 +36,7 @@ from tracer.types import (
     SETTING_CROP_Y,
     SETTING_HEIGHT,
     SETTING_MAX_DEPTH,
+    SETTING_MIN_SAMPLES,
     SETTING_SAMPLER,
     SETTING_SAMPLES,
     SETTING_SEED,
@@ -68,6 +70,9 @@ def build_settings(scene: SceneDoc) -> NDArray[np.int64]:
     orthographic = scene.camera.view(scene.image.width, scene.image.height).orthographic
     settings[SETTING_CAMERA] = CAMERA_ORTHOGRAPHIC if orthographic else CAMERA_VIEW_PLANE
     settings[SETTING_SKIP] = 1
+    adaptive = scene.sampling.adaptive
+    if adaptive is not None and adaptive.threshold > 0.0:  # no contrast is below 0: nothing to ask
+        settings[SETTING_MIN_SAMPLES] = adaptive.min_samples
     return settings
 
 
@@ -75,6 +80,8 @@ def build_limits(scene: SceneDoc) -> NDArray[np.float64]:
     """Return `limits`."""
     limits = np.zeros(N_LIMITS)
     limits[LIMIT_MIN_THROUGHPUT] = scene.integrator.min_throughput
+    if scene.sampling.adaptive is not None:
+        limits[LIMIT_ADAPTIVE_THRESHOLD] = scene.sampling.adaptive.threshold
     return limits
 
 

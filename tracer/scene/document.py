@@ -13,6 +13,7 @@ from tracer.scene.faults import Fault, faults_error
 from tracer.scene.lights import Light
 from tracer.scene.limits import (
     MAX_ASSETS,
+    MAX_COLOR,
     MAX_COMPANIONS,
     MAX_DEPTH_OF_RAYS,
     MAX_FILE_NAME_LENGTH,
@@ -99,6 +100,19 @@ class Integrator(SceneModel):
     )
 
 
+class Adaptive(SceneModel):
+    """Blocks of 16 x 16 pixels in which the first samples show no detail take no more."""
+
+    min_samples: Annotated[Whole, Field(ge=2, le=MAX_SAMPLES_PER_PIXEL, multiple_of=2)] = Field(
+        default=2, description="Samples that every pixel gets, fewer than all.", examples=[2]
+    )
+    threshold: Annotated[Number, Field(ge=0.0, le=MAX_COLOR)] = Field(
+        default=0.01,
+        description="RMS difference of neighbouring pixels, linear radiance, from which a block gets all samples.",
+        examples=[0.01],
+    )
+
+
 class Sampling(SceneModel):
     """How many samples a pixel gets, and which."""
 
@@ -111,6 +125,20 @@ class Sampling(SceneModel):
     seed: Annotated[Whole, Field(ge=0, le=MAX_SEED)] = Field(
         default=0, description="Another seed gives another noise.", examples=[0]
     )
+    adaptive: Adaptive | None = Field(
+        default=None,
+        description="Leaves out samples where little changes. Left out: every pixel gets all.",
+        examples=[{"min_samples": 2, "threshold": 0.01}],
+    )
+
+    @model_validator(mode="after")
+    def _check_adaptive(self) -> "Sampling":
+        if self.adaptive is not None and self.adaptive.min_samples >= self.samples:
+            most = (self.samples - 1) // 2 * 2
+            mend = f"an even number from 2 to {most}" if most else "3 samples or more, or no adaptive sampling"
+            message = f"is {self.adaptive.min_samples}, of {self.samples} samples"
+            raise faults_error([Fault("/adaptive/min_samples", message, mend)])
+        return self
 
 
 class Asset(SceneModel):

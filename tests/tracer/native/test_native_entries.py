@@ -20,6 +20,7 @@ from tracer.native.entries import ENTRIES, Entry, current_image, entry, numba_ke
 from tracer.native.key import image_path
 from tracer.native.warm import warm
 from tracer.render import Canceled, get_backend, list_blocks, render_compiled
+from tracer.types import SETTING_MIN_SAMPLES
 
 ROOT = Path(__file__).parents[3]
 # What a process of this project has of numba, as the last line of its output.
@@ -93,6 +94,18 @@ def test_pictures_have_the_bytes_of_numbas_kernels(sampler, only_numba, only_ima
     assert native.pixels.max() > 0
 
 
+def test_adaptive_sampling_has_the_bytes_of_numbas_kernels(only_numba, only_image):
+    scene = mixed(settings=settings(samples=5, width=64), limits=[0.0, 0.02])
+    scene.settings[SETTING_MIN_SAMPLES] = 2
+    native = render_compiled(scene)
+    calls = only_numba()
+    compiled = render_compiled(scene)
+    assert set(calls) == {name for name in ENTRIES if name.startswith("tracer.render.")}
+    assert native.pixels.tobytes() == compiled.pixels.tobytes()
+    assert native.counters == compiled.counters
+    assert native.counters["samples_skipped_adaptive"] > 0
+
+
 @pytest.mark.parametrize("subdivisions", [0, 3, 6])
 def test_trees_have_the_bytes_of_numbas_kernels(subdivisions, only_numba, only_image):
     """20, 1,280 and 81,920 triangles with a broken one, and 40 spheres: all that builds is called."""
@@ -107,8 +120,8 @@ def test_trees_have_the_bytes_of_numbas_kernels(subdivisions, only_numba, only_i
     assert digest(native) == digest(compiled)
     assert all(name.startswith("tracer.accel.") for name in calls)
     if subdivisions == 6:
-        unused = {"tracer.render.blocks.render_blocks", "tracer.accel.emit.emit_single_leaf"}
-        assert set(calls) == set(ENTRIES) - unused
+        building = {name for name in ENTRIES if name.startswith("tracer.accel.")}
+        assert set(calls) == building - {"tracer.accel.emit.emit_single_leaf"}
 
 
 def test_other_types_go_to_numba(image):
@@ -249,6 +262,7 @@ def test_an_image_that_cannot_be_written_is_told(own_cache):
     code = """
 import warnings
 from tracer.native.warm import warm
+from tracer.types import SETTING_MIN_SAMPLES
 with warnings.catch_warnings(record=True) as seen:
     warnings.simplefilter("always")
     warm()

@@ -27,9 +27,22 @@ def test_settings():
         types.SETTING_SHADOWS: 0,
         types.SETTING_CAMERA: types.CAMERA_VIEW_PLANE,
         types.SETTING_SKIP: 1,
+        types.SETTING_MIN_SAMPLES: 0,
     }
     assert dict(enumerate(settings.tolist())) == expected
     assert build_limits(scene)[types.LIMIT_MIN_THROUGHPUT] == 0.25
+
+
+def test_adaptive_sampling():
+    sampling = {"samples": 9, "adaptive": {"min_samples": 6, "threshold": 0.25}}
+    assert build_settings(document(sampling=sampling))[types.SETTING_MIN_SAMPLES] == 6
+    assert build_limits(document(sampling=sampling))[types.LIMIT_ADAPTIVE_THRESHOLD] == 0.25
+
+
+def test_no_contrast_is_below_a_threshold_of_0():
+    """So nothing is asked, and the picture is the one of fixed sampling, bit for bit."""
+    fixed, adaptive = document(), document(sampling={"samples": 16, "adaptive": {"threshold": 0}})
+    assert build_settings(fixed).tolist() == build_settings(adaptive).tolist()
 
 
 def test_without_a_crop_the_window_is_the_picture():

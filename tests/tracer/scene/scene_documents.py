@@ -27,7 +27,12 @@ FULL: dict[str, Any] = {
     },
     "image": {"width": 640, "height": 360, "crop": {"x": 10, "y": 20, "width": 30, "height": 40}},
     "integrator": {"type": "blinn_phong", "max_depth": 4, "shadows": False, "min_throughput": 0.001},
-    "sampling": {"samples": 4, "sampler": "stratified", "seed": 7},
+    "sampling": {
+        "samples": 4,
+        "sampler": "stratified",
+        "seed": 7,
+        "adaptive": {"min_samples": 2, "threshold": 0.02},
+    },
     "materials": {
         "red": {"type": "blinn_phong", "kd": [0.8, 0.1, 0.1], "ka": 0.1, "ks": 0.5, "exponent": 50},
         "a/b~c": {
@@ -186,6 +191,8 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
     }
     if draw(st.booleans()):
         document["sampling"] = {"samples": draw(st.integers(1, 4096)), "seed": draw(st.integers(0, 2**32 - 1))}
+        if draw(st.booleans()) and document["sampling"]["samples"] > 2:
+            document["sampling"]["adaptive"] = {"threshold": draw(st.floats(0, 1e6))}
     if draw(st.booleans()):
         document["name"] = draw(names)
     return document

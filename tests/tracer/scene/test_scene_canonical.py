@@ -7,7 +7,7 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_documents import FULL, documents
+from scene_documents import FULL, MINIMAL, documents
 
 from tracer.scene import canonical_json, parse_scene, scene_hash
 
@@ -59,3 +59,9 @@ def test_companions_without_a_hash_stay_in_the_canonical_text() -> None:
     doc = parse_scene(document)
     assert b'"x.png":null' in canonical_json(doc)
     assert parse_scene(canonical_json(doc)) == doc
+
+
+def test_adaptive_sampling_stands_in_the_text_only_where_it_is_asked_for() -> None:
+    fixed, adaptive = ({**MINIMAL, "sampling": {"samples": 8, **more}} for more in ({}, {"adaptive": {}}))
+    assert b"adaptive" not in canonical_json(parse_scene(fixed))
+    assert b'"adaptive":{"min_samples":2,"threshold":0.01}' in canonical_json(parse_scene(adaptive))

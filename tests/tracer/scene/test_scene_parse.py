@@ -127,6 +127,13 @@ def test_one_number_stands_for_three_channels_and_ka_follows_kd() -> None:
         ("/objects/0/groups/second", [2, 1], "/objects/0/groups/second"),
         ("/objects/0/groups/second", [0, 2], "/objects/0/groups/second"),
         ("/sampling/samples", 65537, "/sampling/samples"),
+        ("/sampling/adaptive", True, "/sampling/adaptive"),
+        ("/sampling/adaptive/min_samples", 0, "/sampling/adaptive/min_samples"),
+        ("/sampling/adaptive/min_samples", 3, "/sampling/adaptive/min_samples"),
+        ("/sampling/adaptive/min_samples", 4, "/sampling/adaptive/min_samples"),
+        ("/sampling/adaptive/min_samples", 2.0, "/sampling/adaptive/min_samples"),
+        ("/sampling/adaptive/threshold", -0.01, "/sampling/adaptive/threshold"),
+        ("/sampling/adaptive/treshold", 0.01, "/sampling/adaptive/treshold"),
     ],
 )
 def test_one_wrong_value_gives_one_fault(pointer: str, value: Any, told: str) -> None:

@@ -105,6 +105,7 @@ def test_what_the_models_accept_the_schema_accepts(document: dict[str, Any]) -> 
         (("objects", 3, "type"), "ball"),
         (("sampling", "samples"), 0),
         (("sampling", "sampler"), "halton"),
+        (("sampling", "adaptive", "min_samples"), 3),
         (("background",), [1, 2, 3, 4]),
         (("assets", "wood", "sha256"), "abc"),
         (("unknown",), 1),
