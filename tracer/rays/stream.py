@@ -148,6 +148,16 @@ def _go_to(base: int, state: int, top: int) -> Any:
 
 
 @inline
+def _step(base: int, state: int, nodes: int, leaves: int) -> Any:
+    """Visit the ray's node and append the ray to the list of its next stop; returns both lists' new ends."""
+    word = _go_to(base, state, _visit_node(base, state))
+    store(nodes, state)
+    store(leaves, state)
+    is_leaf = 8 * (word >> 63)
+    return nodes + 8 + is_leaf, leaves - is_leaf
+
+
+@inline
 def _without_overtaken(state: int, top: int) -> Any:
     """Drop the upmost entries that a hit has overtaken; returns the new top."""
     limit = load(_int32, state + s.F_BEST)
@@ -257,8 +267,11 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
                 store(state + s.RAY_INDEX, load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k)
-                word = load(_int64, state + s.NODE)
-                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+                if unlikely(load(_int64, state + s.NODE) == END):
+                    store(done_end, state)
+                    done_end += 8
+                else:
+                    nodes_end, leaves_end = _step(base, state, nodes_end, leaves_end)
             for k in range(count, LANES):  # behind the last ray
                 store(free_end + 8 * (k - count), load(_int64, free_end + 8 * k))
             free_end += 8 * (LANES - count)
@@ -268,13 +281,7 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
         while True:
             last, nodes_end = nodes_end, nodes
             for place in range(nodes, last, 8):
-                state = load(_int64, place)
-                word = _go_to(base, state, _visit_node(base, state))
-                store(nodes_end, state)
-                store(leaves_end, state)
-                is_leaf = 8 * (word >> 63)
-                nodes_end += 8 + is_leaf
-                leaves_end -= is_leaf
+                nodes_end, leaves_end = _step(base, load(_int64, place), nodes_end, leaves_end)
             if nodes_end <= nodes + 8 * _FEW:
                 break
         last, leaves_end, ready_end = leaves_end, leaves, ready
