@@ -4,7 +4,8 @@ Each ray has a state and a stack of its own. Rays whose next stop is a node stan
 second, those of whose leaf a triangle may be met in a third, those that are done in a fourth. A round goes through each
 list, the first until few rays are left in it, takes every ray one step further and asks for the memory of its next
 stop. A node's step has no branch that depends on the ray: the eight keys are sorted by a network, missed children last,
-all are written, and the stack grows by those that were met. Triangles are decided for four rays at a time
+all are written, and the stack grows by those that were met; one that empties its stack there is found out among those
+at leaves, so that a node's step has two lists to write to. Triangles are decided for four rays at a time
 (:mod:`tracer.rays.leaf_four`); a ray waits for three others as long as there is something else to do.
 
 Invariant: the answer is that of :mod:`tracer.rays.single`, bit for bit: a leaf decides alike on every path, and what is
@@ -13,7 +14,7 @@ left is the least (t, id), in whatever order leaves are visited.
 
 from typing import Any, Final
 
-from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
+from tracer.accel.layout import HEADER_DEPTH, HEADER_WIDE_LEAVES, NODE_CHILDREN, NODE_WIDTH, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.leaf import CLOSEST, LEAF_SCRATCH_BYTES, finish, sift_leaf
@@ -39,6 +40,7 @@ from tracer.simd import (
     stack_memory,
     store,
     to_bits,
+    unlikely,
 )
 from tracer.simd.gateway import types
 
@@ -48,15 +50,25 @@ _int64: Final = types.int64
 
 IN_FLIGHT: Final = 40
 _FEW: Final = 8  # rays at nodes at which they wait for the others: a list's end costs a mispredicted branch, too
-# Near distances, then child words; an odd number of cache lines, so that the stacks' bottoms do not share L1 sets.
-_WORDS: Final = (4 * STACK_ENTRIES + 63) // 64 * 64
-_STACK_BYTES: Final = 2 * _WORDS + 64 * (1 - (2 * _WORDS // 64) % 2)
-_ALL_STACKS_BYTES: Final = IN_FLIGHT * _STACK_BYTES
+_WIDEST: Final = 64 * ((4 * STACK_ENTRIES + 63) // 64 | 1)
+# From near distances, those of all rays together, to child words: an odd number of cache lines, for other L1 sets.
+_WORDS: Final = IN_FLIGHT * _WIDEST + 64
+_ALL_STACKS_BYTES: Final = 2 * _WORDS
 _ALL_STATES_BYTES: Final = IN_FLIGHT * s.STATE_BYTES
 _LIST_BYTES: Final = 8 * IN_FLIGHT + 64
 _BOTTOM: Final = -(2**31)  # nearer than anything: never dropped
 _FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
 _LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
+
+
+@inline
+def _stack_bytes(depth: int) -> Any:
+    """Bytes from one ray's stack to the next one's, as many as a tree of this depth needs: the fewer pages the better.
+
+    An odd number of cache lines, so that the stacks' bottoms do not share L1 sets.
+    """
+    entries = (NODE_WIDTH - 1) * depth + NODE_WIDTH + 2
+    return min(64 * ((4 * entries + 63) // 64 | 1), _WIDEST)
 
 
 @inline
@@ -136,6 +148,16 @@ def _go_to(base: int, state: int, top: int) -> Any:
 
 
 @inline
+def _step(base: int, state: int, nodes: int, leaves: int) -> Any:
+    """Visit the ray's node and append the ray to the list of its next stop; returns both lists' new ends."""
+    word = _go_to(base, state, _visit_node(base, state))
+    store(nodes, state)
+    store(leaves, state)
+    is_leaf = 8 * (word >> 63)
+    return nodes + 8 + is_leaf, leaves - is_leaf
+
+
+@inline
 def _without_overtaken(state: int, top: int) -> Any:
     """Drop the upmost entries that a hit has overtaken; returns the new top."""
     limit = load(_int32, state + s.F_BEST)
@@ -163,6 +185,21 @@ def _sort_out(candidates: int, state: int, found: int, ready: int) -> Any:
     store(ready, state)
     nothing = 8 * _int64(candidates == 0)
     return found + 8 - nothing, ready + nothing
+
+
+@inline
+def _sift_leaves(wide: int, base: int, first: int, last: int, found: int, ready: int, done: int) -> Any:
+    """Sift the leaves of listed rays; returns the ends of the lists of those with candidates, without, and done."""
+    for place in range(first, last, 8):
+        state = load(_int64, place)
+        word = load(_int64, state + s.NODE)
+        if unlikely(word == END):
+            store(done, state)
+            done += 8
+            continue
+        leaf, n = leaf_of(base, word)
+        found, ready = _sort_out(sift_leaf(wide, leaf, n, state), state, found, ready)
+    return found, ready, done
 
 
 @inline
@@ -210,9 +247,10 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
     ready = stack_memory(_LIST_BYTES)
     rest = stack_memory(SCRATCH_BYTES)
     scratch = stack_memory(LEAF_SCRATCH_BYTES)
+    stack_bytes = _stack_bytes(load(_int64, base + 8 * HEADER_DEPTH))
     for k in range(IN_FLIGHT):
         state = states + k * s.STATE_BYTES
-        stack = stacks + k * _STACK_BYTES
+        stack = stacks + k * stack_bytes
         store(free + 8 * k, state)
         store(state + s.STACK, stack)
         store(stack, _int32(_BOTTOM))
@@ -229,8 +267,11 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
                 store(state + s.RAY_INDEX, load(_int64, listed + 8 * (i + k)) if listed != 0 else i + k)
-                word = load(_int64, state + s.NODE)
-                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+                if unlikely(load(_int64, state + s.NODE) == END):
+                    store(done_end, state)
+                    done_end += 8
+                else:
+                    nodes_end, leaves_end = _step(base, state, nodes_end, leaves_end)
             for k in range(count, LANES):  # behind the last ray
                 store(free_end + 8 * (k - count), load(_int64, free_end + 8 * k))
             free_end += 8 * (LANES - count)
@@ -240,16 +281,15 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
         while True:
             last, nodes_end = nodes_end, nodes
             for place in range(nodes, last, 8):
-                state = load(_int64, place)
-                word = _go_to(base, state, _visit_node(base, state))
-                nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
+                nodes_end, leaves_end = _step(base, load(_int64, place), nodes_end, leaves_end)
             if nodes_end <= nodes + 8 * _FEW:
                 break
         last, leaves_end, ready_end = leaves_end, leaves, ready
-        for place in range(leaves, last, 8):
-            state = load(_int64, place)
-            leaf, n = leaf_of(base, load(_int64, state + s.NODE))
-            found_end, ready_end = _sort_out(sift_leaf(wide, leaf, n, state), state, found_end, ready_end)
+        # written out for both: what is common to them could not have the loads as parts of its instructions
+        if wide != 0:
+            found_end, ready_end, done_end = _sift_leaves(_int64(1), base, leaves, last, found_end, ready_end, done_end)
+        else:
+            found_end, ready_end, done_end = _sift_leaves(_int64(0), base, leaves, last, found_end, ready_end, done_end)
         others = nodes_end - nodes + (ready_end - ready) + (done_end - done)
         enough = found + 8 * (RAYS if others > 0 else 1)
         while found_end >= enough:

@@ -55,6 +55,25 @@ def test_no_rays():
     assert len(caster.any_hit(nothing, nothing, threads=2)) == 0
 
 
+def test_results_are_never_written_to_again_while_any_of_them_is_held():
+    caster = RayCaster(VERTICES, FACES)
+    hits = caster.closest_hit(ORIGINS, DOWN)
+    held, address = hits.u[1:], hits.t.ctypes.data
+    del hits
+    other = caster.closest_hit(ORIGINS + np.array([0.5, 0, 0]), DOWN)  # as many rays
+    assert held.tolist() == [0.25, 0.0]
+    assert other.u.tolist() == [0.375, 0.375, 0.0]
+    del held
+    assert caster.closest_hit(ORIGINS, DOWN).t.ctypes.data == address
+
+
+def test_two_casters_of_one_tree_do_not_share_results():
+    first, second = (RayCaster.from_bvh(build_wide(VERTICES, FACES)) for _ in range(2))
+    hits = first.closest_hit(ORIGINS, DOWN)
+    second.closest_hit(-ORIGINS, DOWN)
+    assert hits.t.tolist() == [3.0, 0.5, np.inf]
+
+
 def test_a_mapped_tree_answers_the_same(tmp_path):
     build_wide(VERTICES, FACES).save(tmp_path / "tree")
     caster = RayCaster.from_bvh(load_wide(tmp_path / "tree"))

@@ -125,6 +125,19 @@ def test_batches_of_any_size(n):
             assert (part[n + 2 :] == -7).all()
 
 
+@pytest.mark.parametrize("n", [1, 9, 70, 600, 5000])
+def test_every_box_is_met_on_the_way(n):
+    """As many children wait on the stacks as ever can in a tree of that depth, in all stacks at once."""
+    triangle = np.array([[-3.0, -3, 0], [3, -3, 0], [0, 3, 0]])
+    vertices = (triangle + np.arange(n)[:, None, None] * [0, 0, 1.0 / n]).reshape(-1, 3)
+    caster = RayCaster(vertices, np.arange(3 * n).reshape(n, 3))
+    rng = np.random.default_rng(5)
+    origins = np.column_stack([rng.uniform(-0.5, 0.5, (100, 2)), rng.choice([-1.0, 2.0], 100)])
+    directions = np.column_stack([rng.uniform(-0.1, 0.1, (100, 2)), np.sign(0.5 - origins[:, 2])])
+    found = assert_paths_agree(caster, origins, directions, 0.0, np.inf)
+    assert (found[-1] == n).all()
+
+
 def test_types_mixed_and_read_only():
     vertices, faces = bumpy(12)
     caster = RayCaster(vertices, faces)
