@@ -20,6 +20,7 @@ from tracer.native.entries import ENTRIES, Entry, current_image, entry, numba_ke
 from tracer.native.key import image_path
 from tracer.native.warm import warm
 from tracer.render import Canceled, get_backend, list_blocks, render_compiled
+from tracer.render.solids import find_solids
 from tracer.types import SETTING_MIN_SAMPLES
 
 ROOT = Path(__file__).parents[3]
@@ -100,10 +101,22 @@ def test_adaptive_sampling_has_the_bytes_of_numbas_kernels(only_numba, only_imag
     native = render_compiled(scene)
     calls = only_numba()
     compiled = render_compiled(scene)
-    assert set(calls) == {name for name in ENTRIES if name.startswith("tracer.render.")}
+    assert set(calls) == {
+        name for name in ENTRIES if name.startswith(("tracer.render.blocks.", "tracer.render.contrast."))
+    }
     assert native.pixels.tobytes() == compiled.pixels.tobytes()
     assert native.counters == compiled.counters
     assert native.counters["samples_skipped_adaptive"] > 0
+
+
+def test_solids_have_the_bytes_of_numbas_kernels(only_numba, only_image):
+    meshes = [icosphere(level, np.random.default_rng(7), 0.01) for level in (0, 3)]
+    meshes = [(vertices, faces.astype(np.int32)) for vertices, faces in meshes]
+    native = find_solids(meshes)
+    calls = only_numba()
+    assert native.tobytes() == find_solids(meshes).tobytes()
+    assert set(calls) == {name for name in ENTRIES if name.startswith("tracer.render.inside.")}
+    assert len(native) == len(meshes)
 
 
 @pytest.mark.parametrize("subdivisions", [0, 3, 6])
