@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from tracer.accel.layout import MAX_DEPTH, STOP
+from tracer.accel.layout import MAX_DEPTH, SMALL, STOP
 from tracer.jit import inline, kernel
 from tracer.simd import (
     address_of,
@@ -64,13 +64,13 @@ def _swapped(record: Any) -> Any:
 
 
 @inline
-def _centroid(record: Any) -> Any:
+def centroid_of(record: Any) -> Any:
     """(lo + hi, -(lo + hi)): twice the centroid and its negative, so that minima bound it on both sides."""
     return record - _swapped(record)
 
 
 @inline
-def _half_area(record: Any) -> Any:
+def half_area(record: Any) -> Any:
     """Half the area of a box: x y + y z + z x of its extents."""
     extent = -(lower_half(record) + upper_half(record))
     x = extract(extent, 0)
@@ -80,13 +80,16 @@ def _half_area(record: Any) -> Any:
 
 
 @inline
-def _bin_of(centroid: Any, origin: Any, scale: Any) -> Any:
+def bin_of(centroid: Any, origin: Any, scale: Any) -> Any:
     return convert(_int32, (centroid - origin) * scale)
 
 
 @inline
-def _sah_split(bins: int, counts: int, areas: int, n_bins: int, extent: Any) -> Any:
-    """Find (axis, first bin of the right side) of least area times count; axis -1 when no plane separates anything."""
+def sah_split(bins: int, counts: int, areas: int, n_bins: int, room: int, extent: Any) -> Any:
+    """Find (axis, first bin of the right side, cost) of least area times count; axis -1 when no plane separates any.
+
+    ``bins`` and ``counts`` have three rows with room for so many bins; ``areas`` is one of scratch.
+    """
     infinite = splat(float32x8, _INF)
     best = np.float32(_INF)
     best_axis = -1
@@ -94,14 +97,14 @@ def _sah_split(bins: int, counts: int, areas: int, n_bins: int, extent: Any) -> 
     for axis in range(3):
         if not extract(extent, axis) > np.float32(0.0):
             continue
-        row = bins + axis * _ROW
-        numbers = counts + axis * _BINS * 4
+        row = bins + axis * room * RECORD_BYTES
+        numbers = counts + axis * room * 4
         box = infinite
         count = 0
         for k in range(n_bins - 1, 0, -1):
             box = minimum(box, load(float32x8, row + k * RECORD_BYTES))
             count += load(_int32, numbers + k * 4)
-            store(areas + k * 4, _half_area(box) * np.float32(count) if count > 0 else np.float32(_INF))
+            store(areas + k * 4, half_area(box) * np.float32(count) if count > 0 else np.float32(_INF))
         box = infinite
         count = 0
         for k in range(n_bins - 1):
@@ -109,12 +112,12 @@ def _sah_split(bins: int, counts: int, areas: int, n_bins: int, extent: Any) -> 
             count += load(_int32, numbers + k * 4)
             if count == 0:
                 continue
-            cost = _half_area(box) * np.float32(count) + load(_float32, areas + (k + 1) * 4)
+            cost = half_area(box) * np.float32(count) + load(_float32, areas + (k + 1) * 4)
             if cost < best:
                 best = cost
                 best_axis = axis
                 best_bin = k + 1
-    return best_axis, best_bin
+    return best_axis, best_bin, best
 
 
 @inline
@@ -134,7 +137,7 @@ def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
     for i in range(start, end):
         record = load(float32x8, base + i * RECORD_BYTES)
         box = minimum(box, record)
-        centroids = minimum(centroids, _centroid(record))
+        centroids = minimum(centroids, centroid_of(record))
     store(address_of(bounds), box)
     store(address_of(bounds) + RECORD_BYTES, centroids)
 
@@ -159,7 +162,7 @@ def _divide_few(records: int, count: int, spare: int) -> int:
                 n_left += 1
             else:
                 right = minimum(right, record)
-        cost = _half_area(left) * np.float32(n_left) + _half_area(right) * np.float32(count - n_left)
+        cost = half_area(left) * np.float32(n_left) + half_area(right) * np.float32(count - n_left)
         if cost < best:
             best = cost
             best_set = chosen
@@ -196,10 +199,9 @@ def build_binary(
     first_free
         Index of the first free node; 2 count nodes from there are this call's.
     stop
-        Nodes of at most so many records are left for a later call, as far as ``pending`` has room.
+        Nodes of at most so many records, but more than `SMALL`, are left for a later call.
     pending
-        float64 (k, 8): rows (node, depth, -, -) and the centroid bounds as float32 (words 4..7) of the nodes that
-        were left, for a later call.
+        int64 (k, 2): receives (node, depth) of those that were left; there are fewer than n / `SMALL`.
 
     Returns
     -------
@@ -231,13 +233,11 @@ def build_binary(
         count = _int64(load(_int32, node + 28))
         if count <= STOP:
             continue
-        if count <= stop and n_pending < pending.shape[0]:
-            row = pending_base + n_pending * 64
-            store(row, _int64(index))
-            store(row + 8, _int64(level))
-            store(row + 32, bounds)
+        if SMALL < count <= stop:
+            store(pending_base + n_pending * 16, _int64(index))
+            store(pending_base + n_pending * 16 + 8, _int64(level))
             n_pending += 1
-            continue  # else there is no room to say so, and it is split here
+            continue
         extent = zero
         scale = zero
         split_axis, split_bin = -1, 0
@@ -257,24 +257,24 @@ def build_binary(
                     store(counts + (axis * _BINS + k) * 4, np.int32(0))
             for i in range(start, start + count):
                 record = load(float32x8, record_base + i * RECORD_BYTES)
-                numbers = _bin_of(_centroid(record), bounds, scale)
+                numbers = bin_of(centroid_of(record), bounds, scale)
                 for axis in range(3):
                     number = _int64(extract(numbers, axis))
                     slot = bins + axis * _ROW + number * RECORD_BYTES
                     store(slot, lesser_finite(load(float32x8, slot), record))
                     counter = counts + (axis * _BINS + number) * 4
                     store(counter, np.int32(load(_int32, counter) + np.int32(1)))
-            split_axis, split_bin = _sah_split(bins, counts, areas, n_bins, extent)
+            split_axis, split_bin, _ = sah_split(bins, counts, areas, n_bins, _BINS, extent)
         left, right, left_centroids, right_centroids = infinite, infinite, infinite, infinite
         if split_axis < 0:
             for i in range(start, middle):
                 record = load(float32x8, record_base + i * RECORD_BYTES)
                 left = minimum(left, record)
-                left_centroids = minimum(left_centroids, _centroid(record))
+                left_centroids = minimum(left_centroids, centroid_of(record))
             for i in range(middle, start + count):
                 record = load(float32x8, record_base + i * RECORD_BYTES)
                 right = minimum(right, record)
-                right_centroids = minimum(right_centroids, _centroid(record))
+                right_centroids = minimum(right_centroids, centroid_of(record))
         else:
             middle = start
             axis = splat(int32x8, split_axis)
@@ -285,8 +285,8 @@ def build_binary(
                 here = record_base + i * RECORD_BYTES
                 there = record_base + middle * RECORD_BYTES
                 record = load(float32x8, here)
-                centroid = _centroid(record)
-                mask = _bin_of(permute(centroid, axis), axis_bounds, axis_scale) < first_right  # the same in all lanes
+                centroid = centroid_of(record)
+                mask = bin_of(permute(centroid, axis), axis_bounds, axis_scale) < first_right  # the same in all lanes
                 goes_left = mask_to_bits(mask) & 1
                 left = minimum(left, select(mask, record, infinite))
                 left_centroids = minimum(left_centroids, select(mask, centroid, infinite))
