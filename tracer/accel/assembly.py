@@ -58,7 +58,7 @@ def _divide(found: Sorted) -> tuple[list[tuple[int, int]], int]:
     roots = []
     for node, depth in groups:
         start, count = int(words[node, 3]), int(words[node, 7])
-        if layout.SMALL < count <= 2 * enough:
+        if layout.SMALL < count <= 4 * enough:
             roots.append((node, depth))
             continue
         _bound_records(records, start, start + count, bounds)

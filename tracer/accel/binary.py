@@ -27,6 +27,7 @@ from tracer.simd import (
     extract,
     float32x8,
     int32x8,
+    iota,
     lesser_finite,
     load,
     lower_half,
@@ -48,14 +49,16 @@ _int64: Final = types.int64
 RECORD_BYTES: Final = 32
 _BINS: Final = 16
 _ROW: Final = _BINS * RECORD_BYTES
-_ALL_BINS_BYTES: Final = 3 * _ROW
-_COUNTS_BYTES: Final = 3 * _BINS * 4
-_AREAS_BYTES: Final = _BINS * 4
+_AXES: Final = 2  # binned, the longest: the third hardly ever has the best plane
+_ALL_BINS_BYTES: Final = _AXES * _ROW
+_COUNTS_BYTES: Final = _AXES * _BINS * 4
+_COSTS_BYTES: Final = _BINS * 4
 # depth-first with the larger child postponed: at most log2(n) entries wait
 _TASK_BYTES: Final = 64  # node, depth, centroid bounds
 _STACK_BYTES: Final = 96 * _TASK_BYTES
 _INF: Final = float("inf")
 _FEW: Final = 4  # records of which all splits are tried
+_COMPACT: Final = 0.7  # share of a box that its records fill besides the largest one
 
 
 @inline
@@ -80,43 +83,43 @@ def half_area(record: Any) -> Any:
 
 
 @inline
-def bin_of(centroid: Any, origin: Any, scale: Any) -> Any:
+def _bin_of(centroid: Any, origin: Any, scale: Any) -> Any:
     return convert(_int32, (centroid - origin) * scale)
 
 
 @inline
-def sah_split(bins: int, counts: int, areas: int, n_bins: int, room: int, extent: Any) -> Any:
+def sah_split(bins: int, counts: int, costs: int, n_axes: int, n_bins: int, room: int) -> Any:
     """Find (axis, first bin of the right side, cost) of least area times count; axis -1 when no plane separates any.
 
-    ``bins`` and ``counts`` have three rows with room for so many bins; ``areas`` is one of scratch.
+    ``bins`` and ``counts`` have a row with room for so many bins for each axis; ``costs`` is one of scratch. Choices
+    are written so that no branch hangs on them: it would be foretold wrongly every other time.
     """
     infinite = splat(float32x8, _INF)
-    best = np.float32(_INF)
+    none = np.float32(_INF)
+    best = none
     best_axis = -1
     best_bin = 0
-    for axis in range(3):
-        if not extract(extent, axis) > np.float32(0.0):
-            continue
+    for axis in range(n_axes):
         row = bins + axis * room * RECORD_BYTES
         numbers = counts + axis * room * 4
         box = infinite
-        count = 0
+        count = np.int32(0)
         for k in range(n_bins - 1, 0, -1):
             box = minimum(box, load(float32x8, row + k * RECORD_BYTES))
             count += load(_int32, numbers + k * 4)
-            store(areas + k * 4, half_area(box) * np.float32(count) if count > 0 else np.float32(_INF))
+            area = half_area(box) * np.float32(count)
+            store(costs + k * 4, area if count > 0 else none)
         box = infinite
-        count = 0
-        for k in range(n_bins - 1):
-            box = minimum(box, load(float32x8, row + k * RECORD_BYTES))
-            count += load(_int32, numbers + k * 4)
-            if count == 0:
-                continue
-            cost = half_area(box) * np.float32(count) + load(_float32, areas + (k + 1) * 4)
-            if cost < best:
-                best = cost
-                best_axis = axis
-                best_bin = k + 1
+        count = np.int32(0)
+        for k in range(1, n_bins):
+            box = minimum(box, load(float32x8, row + (k - 1) * RECORD_BYTES))
+            count += load(_int32, numbers + (k - 1) * 4)
+            area = half_area(box) * np.float32(count)
+            cost = (area if count > 0 else none) + load(_float32, costs + k * 4)
+            better = cost < best
+            best_axis = axis if better else best_axis
+            best_bin = k if better else best_bin
+            best = cost if better else best
     return best_axis, best_bin, best
 
 
@@ -140,6 +143,18 @@ def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
         centroids = minimum(centroids, centroid_of(record))
     store(address_of(bounds), box)
     store(address_of(bounds) + RECORD_BYTES, centroids)
+
+
+@inline
+def _is_compact(records: int, count: int, node: int) -> Any:
+    """Whether a few records fill their box so well that two boxes would be no smaller together: a piece of a surface."""
+    total = np.float32(0.0)
+    largest = np.float32(0.0)
+    for k in range(count):
+        area = half_area(load(float32x8, records + k * RECORD_BYTES))
+        total += area
+        largest = max(largest, area)
+    return total - largest > np.float32(_COMPACT) * half_area(load(float32x8, node))
 
 
 @inline
@@ -180,6 +195,28 @@ def _divide_few(records: int, count: int, spare: int) -> int:
     return n_left
 
 
+@inline
+def _longest_two(extent: Any) -> Any:
+    """Return the two axes of greatest extent, in lanes 0 and 1."""
+    x, y, z = extract(extent, 0), extract(extent, 1), extract(extent, 2)
+    least = np.int32(0) if x <= y and x <= z else (np.int32(1) if y <= z else np.int32(2))
+    lanes = iota(int32x8) + splat(int32x8, least + np.int32(1))
+    return select(lanes > splat(int32x8, 2), lanes - splat(int32x8, 3), lanes)
+
+
+@inline
+def _count_in(address: int, bounds: Any, scale: Any, order: Any, bins: int, counts: int) -> None:
+    """Put a record into its bins, one along each of the two axes."""
+    record = load(float32x8, address)
+    numbers = permute(_bin_of(centroid_of(record), bounds, scale), order)
+    for axis in range(_AXES):
+        number = _int64(extract(numbers, axis))
+        slot = bins + axis * _ROW + number * RECORD_BYTES
+        store(slot, lesser_finite(load(float32x8, slot), record))
+        counter = counts + (axis * _BINS + number) * 4
+        store(counter, np.int32(load(_int32, counter) + np.int32(1)))
+
+
 @kernel
 def build_binary(
     records: Any, nodes: Any, root: int, depth: int, centroids: Any, first_free: int, stop: int, pending: Any
@@ -215,7 +252,7 @@ def build_binary(
     zero = splat(float32x8, 0.0)
     bins = stack_memory(_ALL_BINS_BYTES)
     counts = stack_memory(_COUNTS_BYTES)
-    areas = stack_memory(_AREAS_BYTES)
+    costs = stack_memory(_COSTS_BYTES)
     stack = stack_memory(_STACK_BYTES)
     n_pending = 0
     free = first_free
@@ -245,26 +282,28 @@ def build_binary(
         if level + _log2_ceil(count) >= MAX_DEPTH - 1:
             pass  # from here on by halves, so that the depth stays bounded
         elif count <= _FEW:
+            if _is_compact(record_base + start * RECORD_BYTES, count, node):
+                continue
             middle = start + _divide_few(record_base + start * RECORD_BYTES, count, bins)
         else:
             extent = -_swapped(bounds) - bounds
-            n_bins = _BINS if count > 64 else (8 if count > 12 else 4)
+            order = _longest_two(extent)
+            n_bins = _BINS if count > 256 else (8 if count > 16 else 4)
             # just below n_bins, so that the upmost centroid falls into the last bin
             scale = select(extent > zero, splat(float32x8, np.float32(n_bins) * np.float32(0.9999)) / extent, zero)
-            for axis in range(3):
+            for axis in range(_AXES):
                 for k in range(n_bins):
                     store(bins + axis * _ROW + k * RECORD_BYTES, infinite)
                     store(counts + (axis * _BINS + k) * 4, np.int32(0))
-            for i in range(start, start + count):
-                record = load(float32x8, record_base + i * RECORD_BYTES)
-                numbers = bin_of(centroid_of(record), bounds, scale)
-                for axis in range(3):
-                    number = _int64(extract(numbers, axis))
-                    slot = bins + axis * _ROW + number * RECORD_BYTES
-                    store(slot, lesser_finite(load(float32x8, slot), record))
-                    counter = counts + (axis * _BINS + number) * 4
-                    store(counter, np.int32(load(_int32, counter) + np.int32(1)))
-            split_axis, split_bin, _ = sah_split(bins, counts, areas, n_bins, _BINS, extent)
+            # four at a time, from far apart: neighbours fall into one bin, and each would wait for the one before
+            quarter = count >> 2
+            for i in range(start, start + quarter):
+                for k in range(4):
+                    _count_in(record_base + (i + k * quarter) * RECORD_BYTES, bounds, scale, order, bins, counts)
+            for i in range(start + 4 * quarter, start + count):
+                _count_in(record_base + i * RECORD_BYTES, bounds, scale, order, bins, counts)
+            row, split_bin, _ = sah_split(bins, counts, costs, _AXES, n_bins, _BINS)
+            split_axis = -1 if row < 0 else _int64(extract(order, 0) if row == 0 else extract(order, 1))
         left, right, left_centroids, right_centroids = infinite, infinite, infinite, infinite
         if split_axis < 0:
             for i in range(start, middle):
@@ -286,7 +325,7 @@ def build_binary(
                 there = record_base + middle * RECORD_BYTES
                 record = load(float32x8, here)
                 centroid = centroid_of(record)
-                mask = bin_of(permute(centroid, axis), axis_bounds, axis_scale) < first_right  # the same in all lanes
+                mask = _bin_of(permute(centroid, axis), axis_bounds, axis_scale) < first_right  # the same in all lanes
                 goes_left = mask_to_bits(mask) & 1
                 left = minimum(left, select(mask, record, infinite))
                 left_centroids = minimum(left_centroids, select(mask, centroid, infinite))

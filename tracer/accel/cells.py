@@ -50,7 +50,7 @@ _SIDE: Final = 1 << MAX_BITS  # cells along an axis, at most
 _ROW: Final = _SIDE * RECORD_BYTES
 _BINS_BYTES: Final = 3 * _ROW
 _COUNTS_BYTES: Final = 3 * _SIDE * 4
-_AREAS_BYTES: Final = _SIDE * 4
+_COSTS_BYTES: Final = _SIDE * 4
 _NARROW: Final = 8
 _LEVELS: Final = 24
 _UNEVEN: Final = 0.5
@@ -60,7 +60,7 @@ _STACK_BYTES: Final = (_LEVELS + 4) * _TASK_BYTES
 
 @inline
 def _cell_of(record: Any, origin: Any, rate: Any, bits: int) -> Any:
-    """Return the number of the cell that a record's centroid lies in: a coarse one's, behind the others, if it is large."""
+    """Return the number of the cell of a record's centroid: a coarse one's, behind the others, if it is large."""
     side = splat(float32x8, np.float32((1 << bits) - 1))
     place = (centroid_of(record) - origin) * rate
     k = convert(_int32, minimum(maximum(place, splat(float32x8, 0.0)), side))
@@ -244,8 +244,7 @@ def split_cells(boxes: Any, counts: Any, bits: int, enough: int, macros: Any, gr
     macro_base = address_of(macros)
     bins = stack_memory(_BINS_BYTES)
     numbers = stack_memory(_COUNTS_BYTES)
-    areas = stack_memory(_AREAS_BYTES)
-    widths = stack_memory(RECORD_BYTES)
+    costs = stack_memory(_COSTS_BYTES)
     stack = stack_memory(_STACK_BYTES)
     infinite = splat(float32x8, _INF)
     n_macros, n_fine = _gather_macros(address_of(boxes), counts, macro_base, 1 << 3 * bits)
@@ -269,14 +268,12 @@ def split_cells(boxes: Any, counts: Any, bits: int, enough: int, macros: Any, gr
             box = minimum(box, load(float32x8, macro))
             total += _int64(load(_int32, macro + 28))
         widest = _int64(0)
-        store(widths, splat(float32x8, 0.0))
         corner = _int64(0)
         for axis in range(3):
             low, high = _int64(1 << bits), _int64(-1)
             for i in range(first, end):
                 k = _coordinate(macro_base + i * RECORD_BYTES, axis, bits)
                 low, high = min(low, k), max(high, k)
-            store(widths + 4 * axis, _float32(high - low))
             widest = max(widest, high - low + 1)
             corner |= low << 8 * axis
         split_axis, plane = -1, 0
@@ -291,7 +288,7 @@ def split_cells(boxes: Any, counts: Any, bits: int, enough: int, macros: Any, gr
                     slot = bins + k * RECORD_BYTES
                     store(slot, lesser_finite(load(float32x8, slot), load(float32x8, macro)))
                     store(numbers + 4 * k, _int32(load(_int32, numbers + 4 * k) + load(_int32, macro + 28)))
-            split_axis, plane, cost = sah_split(bins, numbers, areas, _SIDE, _SIDE, load(float32x8, widths))
+            split_axis, plane, cost = sah_split(bins, numbers, costs, 3, _SIDE, _SIDE)
             uneven = cost < np.float32(_UNEVEN) * half_area(box) * np.float32(total)
             if not uneven and (total <= enough or widest < _NARROW):
                 split_axis = -1
