@@ -147,7 +147,7 @@ def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
 
 @inline
 def _is_compact(records: int, count: int, node: int) -> Any:
-    """Whether a few records fill their box so well that two boxes would be no smaller together: a piece of a surface."""
+    """Whether a few records fill their box so well that two boxes would be no smaller together."""
     total = np.float32(0.0)
     largest = np.float32(0.0)
     for k in range(count):
