@@ -4,12 +4,13 @@ Which of a subtree's nodes become wide is decided for it alone: its root is the 
 above. So the top can be planned and written first, and a subtree is built, planned and written while the cache holds
 it, in memory that the next one uses again: fresh memory costs more than what is written to it.
 
-Invariant: subtrees stand in the order in which the top names them, so the buffer does not depend on the threads.
+Invariant: subtrees stand by their size, equally large ones as the top names them: so the buffer does not depend on the
+threads.
 """
 
 import threading
 from collections import deque
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from tracer.accel import layout
 from tracer.accel.sorting import Mesh, Run, Sorted, empty_aligned
 from tracer.native.entries import entry
 
+_DIVIDED: Final = 8  # times as much as would be enough: groups beyond are divided further, which one thread does
 _bound_records = entry("tracer.accel.binary.bound_records")
 _build_binary = entry("tracer.accel.binary.build_binary")
 _plan_nodes = entry("tracer.accel.collapse.plan_nodes")
@@ -58,7 +60,7 @@ def _divide(found: Sorted) -> tuple[list[tuple[int, int]], int]:
     roots = []
     for node, depth in groups:
         start, count = int(words[node, 3]), int(words[node, 7])
-        if layout.SMALL < count <= 4 * enough:
+        if layout.SMALL < count <= _DIVIDED * enough:
             roots.append((node, depth))
             continue
         _bound_records(records, start, start + count, bounds)
@@ -130,6 +132,7 @@ class _Assembly:
             self.n_nodes += 1
             self.depth = max(self.depth, level)
             todo += [(int(kid), int(place), level + 1) for kid, place in inner[:n_inner][::-1]]
+        self.subtrees.sort(key=lambda subtree: subtree.start - subtree.end)  # no thread is left alone with a large one
 
     def _link(self, word: int, offset: int) -> None:
         """Write where a node is."""
@@ -148,8 +151,9 @@ class _Assembly:
             floats[16 * rows :].view(np.int32).reshape(rows, 4),
         )
 
-    def _place(self, i: int, size: int, n_nodes: int, depth: int, scratch: Any) -> None:
+    def _place(self, i: int, measured: tuple[int, int, int], scratch: Any) -> None:
         """Note what a subtree takes, and give those a place of which all before them are known; the lock is held."""
+        size, n_nodes, depth = measured
         self.n_nodes += n_nodes
         self.depth = max(self.depth, self.subtrees[i].level - 1 + depth)
         self.built[i] = size, scratch
@@ -184,7 +188,7 @@ class _Assembly:
             start, end, depth = self.subtrees[i][:3]
             measured = _build_subtree(records, start, end, depth, nodes, costs, plan, self.value_bytes)
             with self.lock:
-                self._place(i, *measured, scratch)
+                self._place(i, measured, scratch)
 
 
 def assemble(mesh: Mesh, found: Sorted, threads: int, run: Run) -> Assembled:

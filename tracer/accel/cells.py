@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from tracer.accel.binary import RECORD_BYTES, centroid_of, half_area, sah_split
-from tracer.accel.records import LAST_BYTES, copy_last, frame_lanes, record_of, store_record, usable
+from tracer.accel.records import LAST_BYTES, copy_last, frame_lanes, is_usable, record_of, store_record
 from tracer.jit import inline, kernel
 from tracer.simd import (
     address_of,
@@ -111,7 +111,7 @@ def count_cells(
         store(count_base + 4 * cell, _int32(0))
     for i in range(start, end):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if check and not (usable(vertices, a) and usable(vertices, b) and usable(vertices, c)):
+        if check and not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
         record = record_of(vertices, a, b, c, last, centre, scale)
         cell = _cell_of(record, origin, rate, bits)
@@ -154,7 +154,7 @@ def sort_records(
     group_base, row_base, record_base = address_of(group_of), address_of(rows), address_of(records)
     for i in range(start, end):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if check and not (usable(vertices, a) and usable(vertices, b) and usable(vertices, c)):
+        if check and not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
         record = record_of(vertices, a, b, c, last, centre, scale)
         group = load(_int32, group_base + 4 * _cell_of(record, origin, rate, bits))
@@ -310,4 +310,4 @@ def split_cells(boxes: Any, counts: Any, bits: int, enough: int, macros: Any, gr
             store(top + 8, first if side else middle)
             store(top + 16, middle if side else end)
             top += _TASK_BYTES
-    return n_groups
+    return int(n_groups)

@@ -132,11 +132,9 @@ def join_groups(groups: Any, clusters: Any, kids: Any, nodes: Any, depths: Any) 
     """
     n_groups = groups.shape[0]
     for i in range(n_groups):
-        store(
-            address_of(clusters) + i * RECORD_BYTES, load(float32x8, address_of(groups) + i * RECORD_BYTES)
-        )
+        store(address_of(clusters) + i * RECORD_BYTES, load(float32x8, address_of(groups) + i * RECORD_BYTES))
     _join_nearest(n_groups, clusters, kids)
     if _write_nodes(groups, clusters, kids, nodes, depths) > _DEPTH:
         _join_neighbours(n_groups, clusters, kids)
         _write_nodes(groups, clusters, kids, nodes, depths)
-    return 2 * n_groups - 1
+    return int(2 * n_groups - 1)

@@ -41,7 +41,8 @@ LAST_BYTES: Final = 64  # of memory for `copy_last`
 
 
 @inline
-def usable(vertices: Any, j: int) -> Any:
+def is_usable(vertices: Any, j: int) -> Any:
+    """Whether a vertex is finite and small enough to compute with."""
     x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
     return abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST
 
@@ -88,7 +89,7 @@ def survey_faces(vertices: Any, faces: Any, bounds: Any) -> int:
     bounds[1, :] = -_INF
     for i in range(faces.shape[0]):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if not (usable(vertices, a) and usable(vertices, b) and usable(vertices, c)):
+        if not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
         usable += 1
         for k in range(3):
@@ -104,10 +105,11 @@ def copy_last(vertices: Any, memory: int) -> None:
     """Copy the last vertex, and as a fourth coordinate 0."""
     last = vertices.shape[0] - 1
     for axis in range(4):
-        if is_single(vertices[0, 0]):
-            store(memory + 4 * axis, _float32(vertices[last, axis]) if last >= 0 and axis < 3 else _float32(0.0))
+        value = _float64(vertices[last, axis]) if axis < 3 else 0.0
+        if is_single(vertices[last, 0]):
+            store(memory + 4 * axis, _float32(value))
         else:
-            store(memory + 8 * axis, _float64(vertices[last, axis]) if last >= 0 and axis < 3 else _float64(0.0))
+            store(memory + 8 * axis, value)
 
 
 @inline
@@ -161,7 +163,7 @@ def make_records(vertices: Any, faces: Any, check: int, frame: Any, records: Any
     row = address_of(records)
     for i in range(faces.shape[0]):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if check and not (usable(vertices, a) and usable(vertices, b) and usable(vertices, c)):
+        if check and not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
         store_record(row, record_of(vertices, a, b, c, last, centre, scale), i)
         row += RECORD_BYTES

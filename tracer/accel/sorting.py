@@ -90,8 +90,12 @@ def _sort_in_cells(mesh: Mesh, bounds: NDArray[np.float64], threads: int, run: R
     parts = list(zip(range(n_parts), edges[:-1], edges[1:], strict=True))
     boxes = empty_aligned((n_parts, n_cells, 8), np.float32)
     counts = empty_aligned((n_parts, n_cells), np.int32)
-    count = lambda k, s, e: _count_cells(vertices, faces, s, e, check, frame, grid, bits, boxes[k], counts[k])  # noqa: E731
-    list(run(lambda part: count(*part), parts))
+
+    def count(part: tuple[int, int, int]) -> None:
+        k, start, end = part
+        _count_cells(vertices, faces, start, end, check, frame, grid, bits, boxes[k], counts[k])
+
+    list(run(count, parts))
     group_of = np.zeros(n_cells, np.int32)
     macros, groups = empty_aligned((n_cells, 8), np.float32), empty_aligned((n_cells, 8), np.float32)
     enough = min(max(n // _SUBTREES, 1024), _IN_CACHE)
@@ -100,10 +104,12 @@ def _sort_in_cells(mesh: Mesh, bounds: NDArray[np.float64], threads: int, run: R
     rows = np.cumsum(shares, 0) - shares
     rows += np.cumsum(shares.sum(0)) - shares.sum(0)
     records = empty_aligned((n, 8), np.float32)
-    sort = lambda k, s, e: _sort_records(  # noqa: E731
-        vertices, faces, s, e, check, frame, grid, bits, group_of, rows[k], records
-    )
-    list(run(lambda part: sort(*part), parts))
+
+    def sort(part: tuple[int, int, int]) -> None:
+        k, start, end = part
+        _sort_records(vertices, faces, start, end, check, frame, grid, bits, group_of, rows[k], records)
+
+    list(run(sort, parts))
     nodes = empty_aligned((2 * n, 8), np.float32)
     clusters, kids = empty_aligned((2 * n_groups, 8), np.float32), np.empty((2 * n_groups, 2), np.int64)
     depths = np.empty(2 * n_groups, np.int64)
