@@ -67,7 +67,7 @@ def _cell_of(record: Any, origin: Any, rate: Any, bits: int) -> Any:
     x, y, z = _int64(extract(k, 0)), _int64(extract(k, 1)), _int64(extract(k, 2))
     extent = -(lower_half(record) + upper_half(record)) * lower_half(rate)
     widest = max(extract(extent, 0), extract(extent, 1), extract(extent, 2))
-    if widest > np.float32(2 * _LARGE):  # rates are those of twice the place
+    if widest > np.float32(0.5 * _LARGE):  # rates are those of twice the place
         shift = bits - _COARSE_BITS
         return (1 << 3 * bits) + (x >> shift | y >> shift << _COARSE_BITS | z >> shift << 2 * _COARSE_BITS)
     return x | y << bits | z << 2 * bits
