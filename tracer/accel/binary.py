@@ -8,7 +8,8 @@ Invariants: children have higher indices than their parent and stand side by sid
 contiguous; the depth is at most `MAX_DEPTH` - 1, because a node whose depth plus log2(count) reaches it is split in
 the middle from there on. The tree depends on the records' order alone, never on the number of threads.
 
-Three or four records are split in the best of all ways, without bins.
+Three or four records are split in the best of all ways, without bins. More are put into bins along the two longest axes
+of their centroids' box: leaving out the third changes the tree's cost by less than half a percent.
 
 Source: Wald 2007 (binning); the branch-free partition (Lomuto's, with the children's bounds fused in) is 1.3-2.4 times
 as fast as Hoare's.
@@ -58,7 +59,6 @@ _TASK_BYTES: Final = 64  # node, depth, centroid bounds
 _STACK_BYTES: Final = 96 * _TASK_BYTES
 _INF: Final = float("inf")
 _FEW: Final = 4  # records of which all splits are tried
-_COMPACT: Final = 0.7  # share of a box that its records fill besides the largest one
 
 
 @inline
@@ -143,18 +143,6 @@ def bound_records(records: Any, start: int, end: int, bounds: Any) -> None:
         centroids = minimum(centroids, centroid_of(record))
     store(address_of(bounds), box)
     store(address_of(bounds) + RECORD_BYTES, centroids)
-
-
-@inline
-def _is_compact(records: int, count: int, node: int) -> Any:
-    """Whether a few records fill their box so well that two boxes would be no smaller together."""
-    total = np.float32(0.0)
-    largest = np.float32(0.0)
-    for k in range(count):
-        area = half_area(load(float32x8, records + k * RECORD_BYTES))
-        total += area
-        largest = max(largest, area)
-    return total - largest > np.float32(_COMPACT) * half_area(load(float32x8, node))
 
 
 @inline
@@ -282,8 +270,6 @@ def build_binary(
         if level + _log2_ceil(count) >= MAX_DEPTH - 1:
             pass  # from here on by halves, so that the depth stays bounded
         elif count <= _FEW:
-            if _is_compact(record_base + start * RECORD_BYTES, count, node):
-                continue
             middle = start + _divide_few(record_base + start * RECORD_BYTES, count, bins)
         else:
             extent = -_swapped(bounds) - bounds

@@ -7,7 +7,10 @@ record where its subtree begins (`sort_records`). Subtrees fit into the processo
 
 Invariants: a cell's box and count, and so the top, do not depend on who counted what; the records of a subtree stand in
 the faces' order. A node is split between cells only where it is at least `_NARROW` of them wide: below, planes between
-cells would be too coarse, and the ordinary build takes over.
+cells would be too coarse, and the ordinary build takes over. Because a subtree's root is always a wide node of its own,
+nothing large may hang on to a subtree of small triangles, or its box would be met for nothing: triangles longer than
+`_LARGE` cells go into coarse cells that are groups by themselves, and what one more split would make less than
+`_UNEVEN` as costly is split.
 
 Source: grids for the top levels, Garanzha, Pantaleoni and McAllister 2011.
 """
@@ -53,7 +56,7 @@ _COUNTS_BYTES: Final = 3 * _SIDE * 4
 _COSTS_BYTES: Final = _SIDE * 4
 _NARROW: Final = 8
 _LEVELS: Final = 24
-_UNEVEN: Final = 0.5
+_UNEVEN: Final = 0.5  # cost of both sides, of the whole; about 0.6 where a piece of a surface is halved
 _TASK_BYTES: Final = 32
 _STACK_BYTES: Final = (_LEVELS + 4) * _TASK_BYTES
 

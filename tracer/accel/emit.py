@@ -1,7 +1,8 @@
 """Write wide nodes and leaves into the buffer.
 
 Invariants: as :mod:`tracer.accel.layout`; `emit_subtree` writes exactly the bytes that
-:func:`tracer.accel.collapse.measure` counted, so subtrees can be written side by side by several threads.
+:func:`tracer.accel.collapse.measure` counted, so subtrees can be written side by side by several threads. Faces and
+vertices lie anywhere in memory: all that a node's leaves need is asked for before the first of it is used.
 """
 
 from typing import Any, Final

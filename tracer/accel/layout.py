@@ -7,7 +7,8 @@
     leaf     9 rows of n coordinates (A.x A.y A.z B.x ... C.z; float32 or float64), then n int32 primitive ids
 
 The root is the node behind the header. A node's leaves follow it, and its inner children come in depth-first order,
-so a ray's next bytes are near its last ones. Offsets count `UNIT` bytes from the buffer's start.
+so a ray's next bytes are near its last ones; a large tree's top stands first, then its subtrees, one whole one after
+the other. Offsets count `UNIT` bytes from the buffer's start.
 
 A child word is ``offset << 3`` for a node and ``-2**31 | offset << 3 | n - 1`` for a leaf of n triangles: negative
 means leaf. An absent child has the box (+inf, -inf), which no ray meets.

@@ -42,7 +42,7 @@ LAST_BYTES: Final = 64  # of memory for `copy_last`
 
 @inline
 def is_usable(vertices: Any, j: int) -> Any:
-    """Whether a vertex is finite and small enough to compute with."""
+    """Tell whether a vertex is finite and small enough to compute with."""
     x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
     return abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST
 

@@ -2,6 +2,9 @@
 
 Invariants: the tree depends on vertices and faces alone, never on the number of threads; the result is one flat buffer
 as :mod:`tracer.accel.layout` says, with its depth checked, that can be written to a file and mapped again.
+
+How: :mod:`tracer.accel.sorting` makes the records and the top of the binary tree, :mod:`tracer.accel.assembly` builds
+and writes subtree after subtree.
 """
 
 import hashlib

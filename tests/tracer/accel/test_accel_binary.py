@@ -54,19 +54,3 @@ def test_three_or_four_records_are_split_in_the_best_way(n):
         for node, members in ((child, left), (child + 1, right)):
             np.testing.assert_array_equal(nodes[node, :3], boxes[members, :3].min(0))
             np.testing.assert_array_equal(-nodes[node, 4:7], boxes[members, 3:].max(0))
-
-
-@pytest.mark.parametrize("far", [False, True])
-def test_four_triangles_of_a_surface_stay_together(far):
-    """Two squares side by side; where the second is far away, two leaves are far smaller than one."""
-    low = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0]], float)
-    low[2:, 0] += 9.0 * far
-    records = empty_aligned((4, 8), np.float32)
-    records[:, :3], records[:, 4:7], records[:, 7] = low, -(low + np.array([1, 1, 0])), 0.0
-    nodes, bounds = empty_aligned((16, 8), np.float32), np.empty((2, 8), np.float32)
-    bound_records(records, 0, 4, bounds)
-    nodes[0] = bounds[0]
-    words = nodes.view(np.int32)
-    words[0, 3], words[0, 7] = 0, 4
-    n_nodes, _ = build_binary(records, nodes, 0, 0, bounds[1], 1, layout.STOP, np.empty((0, 2), np.int64))
-    assert n_nodes == (3 if far else 1)
