@@ -70,38 +70,34 @@ def _shifted(row: Any, lanes: Any, by: int) -> Any:
 
 
 @kernel
-def plan_nodes(
-    nodes: Any, first: int, end: int, costs: Any, first_cost: int, below: Any, first_below: int, plan: Any
-) -> None:
-    """Fill rows first..end of the plan, whose children's rows are filled already.
+def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
+    """Fill the plan of a binary tree.
 
     Parameters
     ----------
     nodes, plan
-        As the module says.
-    first, end
-        Which nodes.
+        As the module says. A node of a negative count (word 7) is the root of a tree that is planned elsewhere: its
+        rows of the plan and of the costs are the caller's to fill.
+    n_nodes
+        How many.
     costs
-        float32 (m, 8), row k for node ``first_cost`` + k; receives theirs.
-    first_cost
-        See there.
-    below, first_below
-        The same for their children's; may be the same array. Costs are needed once, so a subtree's go with it.
+        float32 (m, 8), scratch.
     """
     node_base = address_of(nodes)
-    cost_base = address_of(costs) - first_cost * RECORD_BYTES
-    below_base = address_of(below) - first_below * RECORD_BYTES
+    cost_base = address_of(costs)
     plan_base = address_of(plan)
     lanes = iota(int32x8)
     infinite = splat(float32x8, _INF)
     none = splat(int32x8, 0)
     mirrored = (splat(int32x8, NODE_WIDTH) - lanes) & splat(int32x8, NODE_WIDTH - 1)
-    for index in range(end - 1, first - 1, -1):
+    for index in range(n_nodes - 1, -1, -1):
         node = node_base + index * RECORD_BYTES
         row = cost_base + index * RECORD_BYTES
         entry = plan_base + index * PLAN_BYTES
-        area = _half_area(node)
         count = load(_int32, node + 28)
+        if count < 0:
+            continue
+        area = _half_area(node)
         child = _int64(load(_int32, node + 12))
         if count > 0:
             chunks = (count + CHUNK - 1) // CHUNK
@@ -111,7 +107,7 @@ def plan_nodes(
             store(entry + 4, _int32(child))
             store(entry + 8, _int32(0))
             continue
-        left = below_base + child * RECORD_BYTES
+        left = cost_base + child * RECORD_BYTES
         left_row = load(float32x8, left)
         right_row = load(float32x8, left + RECORD_BYTES)
         count = load(_int32, plan_base + child * PLAN_BYTES) + load(_int32, plan_base + (child + 1) * PLAN_BYTES)

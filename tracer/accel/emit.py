@@ -1,7 +1,8 @@
 """Write wide nodes and leaves into the buffer.
 
 Invariants: as :mod:`tracer.accel.layout`; `emit_subtree` writes exactly the bytes that
-:func:`tracer.accel.collapse.measure` counted, so subtrees can be written side by side by several threads.
+:func:`tracer.accel.collapse.measure` counted, so subtrees can be written side by side by several threads. Faces and
+vertices lie anywhere in memory: all that a node's leaves need is asked for before the first of it is used.
 """
 
 from typing import Any, Final
@@ -11,7 +12,7 @@ from tracer.accel.binary import RECORD_BYTES
 from tracer.accel.collapse import KIDS_BYTES, PLAN_BYTES, aligned, gather_children, is_leaf, leaf_bytes
 from tracer.accel.layout import LEAF_BIT, NODE_BYTES, NODE_CHILDREN, NODE_HIGH, NODE_WIDTH, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
-from tracer.simd import address_of, load, stack_memory, store
+from tracer.simd import address_of, load, prefetch, stack_memory, store
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
@@ -107,6 +108,24 @@ def _emit_absent(node: int, k: int) -> None:
 
 
 @inline
+def _ask_for_leaves(nodes: int, plan: int, records: int, vertices: Any, faces: Any, kids: int, found: int) -> None:
+    """Prefetch what the leaves among a node's children are made of: all of their faces, then all of their vertices."""
+    for stage in range(2):
+        for k in range(found):
+            kid = load(_int64, kids + 8 * k)
+            if not is_leaf(nodes, plan, kid):
+                continue
+            first = _int64(load(_int32, plan + kid * PLAN_BYTES + 4))
+            for i in range(first, first + _int64(load(_int32, plan + kid * PLAN_BYTES))):
+                face = _int64(load(_int32, records + i * RECORD_BYTES + 12))
+                if stage == 0:
+                    prefetch(address_of(faces) + face * 3 * faces.itemsize)
+                else:
+                    for corner in range(3):
+                        prefetch(address_of(vertices) + _int64(faces[face, corner]) * 3 * vertices.itemsize)
+
+
+@inline
 def _emit_node(
     nodes: int,
     plan: int,
@@ -129,6 +148,7 @@ def _emit_node(
     offset += NODE_BYTES
     n_inner = 0
     found = gather_children(nodes, plan, binary, scratch, scratch + KIDS_BYTES)
+    _ask_for_leaves(nodes, plan, records, vertices, faces, scratch, found)
     for k in range(NODE_WIDTH):
         if k >= found:
             _emit_absent(node, k)

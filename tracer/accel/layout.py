@@ -7,7 +7,8 @@
     leaf     9 rows of n coordinates (A.x A.y A.z B.x ... C.z; float32 or float64), then n int32 primitive ids
 
 The root is the node behind the header. A node's leaves follow it, and its inner children come in depth-first order,
-so a ray's next bytes are near its last ones. Offsets count `UNIT` bytes from the buffer's start.
+so a ray's next bytes are near its last ones; a large tree's top stands first, then its subtrees, one whole one after
+the other. Offsets count `UNIT` bytes from the buffer's start.
 
 A child word is ``offset << 3`` for a node and ``-2**31 | offset << 3 | n - 1`` for a leaf of n triangles: negative
 means leaf. An absent child has the box (+inf, -inf), which no ray meets.
@@ -25,7 +26,7 @@ Invariants
 
 from typing import Final
 
-VERSION: Final = 3  # of this layout and of what the builder decides; part of every cache key
+VERSION: Final = 4  # of this layout and of what the builder decides; part of every cache key
 MAGIC: Final = 0x31564842494C4D53  # "SMLIBHV1" as little-endian bytes
 
 UNIT: Final = 32  # bytes; child words have 28 bits for an offset, so a buffer holds 8 GiB
@@ -39,6 +40,7 @@ LEAF_BIT: Final = -(2**31)
 PADDING: Final = 1024
 ORDER_BITS: Final = 3  # a leaf's word is id << ORDER_BITS | order
 STOP: Final = 2  # records that are not split further: of 3 or 4, one may be the wall behind all the others
+SMALL: Final = 64  # records: smaller subtrees are not worth a task of their own
 LARGEST: Final = 1e100  # |coordinate| of vertices and ray origins: products of three do not overflow
 MAX_BYTES: Final = 2**28 * UNIT
 

@@ -2,6 +2,9 @@
 
 Invariant: a record's float32 box in the frame contains the triangle. Faces with a vertex that is not finite, or beyond
 1e100 (where products of coordinates would overflow), have no record: no ray meets them.
+
+A vertex is read as four lanes, of which the fourth is the next one's first coordinate: so the last vertex is read from
+a copy (`copy_last`), or what is read would end behind the array.
 """
 
 from typing import Any, Final
@@ -11,7 +14,20 @@ import numpy as np
 from tracer.accel.binary import RECORD_BYTES
 from tracer.accel.layout import LARGEST
 from tracer.jit import inline, kernel
-from tracer.simd import address_of, store
+from tracer.simd import (
+    absolute,
+    address_of,
+    concatenate,
+    convert,
+    float64x4,
+    is_single,
+    load_as_float64,
+    maximum,
+    minimum,
+    splat,
+    stack_memory,
+    store,
+)
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
@@ -21,8 +37,12 @@ _int64: Final = types.int64
 _INF: Final = float("inf")
 
 
+LAST_BYTES: Final = 64  # of memory for `copy_last`
+
+
 @inline
-def _usable(vertices: Any, j: int) -> Any:
+def is_usable(vertices: Any, j: int) -> Any:
+    """Tell whether a vertex is finite and small enough to compute with."""
     x, y, z = _float64(vertices[j, 0]), _float64(vertices[j, 1]), _float64(vertices[j, 2])
     return abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST
 
@@ -69,7 +89,7 @@ def survey_faces(vertices: Any, faces: Any, bounds: Any) -> int:
     bounds[1, :] = -_INF
     for i in range(faces.shape[0]):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if not (_usable(vertices, a) and _usable(vertices, b) and _usable(vertices, c)):
+        if not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
         usable += 1
         for k in range(3):
@@ -81,40 +101,77 @@ def survey_faces(vertices: Any, faces: Any, bounds: Any) -> int:
 
 
 @inline
-def _round_down(x: float) -> Any:
-    """Round to a float32 at or below x, one or two steps away."""
-    return _float32(x - abs(x) * 1.1920928955078125e-07 - 1e-40)
+def copy_last(vertices: Any, memory: int) -> None:
+    """Copy the last vertex, and as a fourth coordinate 0."""
+    last = vertices.shape[0] - 1
+    for axis in range(4):
+        value = _float64(vertices[last, axis]) if axis < 3 else 0.0
+        if is_single(vertices[last, 0]):
+            store(memory + 4 * axis, _float32(value))
+        else:
+            store(memory + 8 * axis, value)
+
+
+@inline
+def _corner(vertices: Any, j: int, last: int) -> Any:
+    """Return a vertex as float64 lanes, the fourth anything; ``last`` is the address of the last one's copy."""
+    inside = j < vertices.shape[0] - 1
+    if is_single(vertices[0, 0]):
+        return load_as_float64(float64x4, _float32, address_of(vertices) + 12 * j if inside else last)
+    return load_as_float64(float64x4, _float64, address_of(vertices) + 24 * j if inside else last)
+
+
+@inline
+def _rounded_down(x: Any) -> Any:
+    """Round lanes to float32 numbers at or below them, one or two steps away."""
+    return convert(_float32, x - absolute(x) * splat(float64x4, 1.1920928955078125e-07) - splat(float64x4, 1e-40))
+
+
+@inline
+def record_of(vertices: Any, a: int, b: int, c: int, last: int, centre: Any, scale: Any) -> Any:
+    """Return the record of a triangle, without the words 3 and 7; ``centre`` and ``scale`` are lanes of the frame."""
+    p, q, r = _corner(vertices, a, last), _corner(vertices, b, last), _corner(vertices, c, last)
+    low = minimum(minimum(p, q), r)
+    high = maximum(maximum(p, q), r)
+    return concatenate(_rounded_down((low - centre) * scale), _rounded_down((centre - high) * scale))
+
+
+@inline
+def frame_lanes(frame: Any) -> Any:
+    """Return (centre, scale) as lanes, of a frame (centre's x, y, z, scale)."""
+    return load_as_float64(float64x4, _float64, address_of(frame)), splat(float64x4, frame[3])
 
 
 @kernel
-def make_records(
-    vertices: Any, faces: Any, start: int, end: int, check: int, centre: Any, scale: float, records: Any, first: int
-) -> int:
-    """Write the records of faces start..end from row ``first`` on; returns the row behind them.
+def make_records(vertices: Any, faces: Any, check: int, frame: Any, records: Any) -> None:
+    """Write the records of all faces, in their order.
 
-    ``check`` = 1 leaves out the faces that are not usable; 0 is for when all are.
+    Parameters
+    ----------
+    vertices, faces
+        (nv, 3) float32 or float64; (nf, 3) integers.
+    check
+        1 leaves out the faces that are not usable; 0 is for when all are.
+    frame
+        float64 (4,): its centre's x, y, z, and its scale.
+    records
+        float32 (n, 8), written.
     """
-    base = address_of(records) + first * RECORD_BYTES
-    row = first
-    c0, c1, c2 = centre[0], centre[1], centre[2]
-    for i in range(start, end):
+    last = stack_memory(LAST_BYTES)
+    copy_last(vertices, last)
+    centre, scale = frame_lanes(frame)
+    row = address_of(records)
+    for i in range(faces.shape[0]):
         a, b, c = _int64(faces[i, 0]), _int64(faces[i, 1]), _int64(faces[i, 2])
-        if check and not (_usable(vertices, a) and _usable(vertices, b) and _usable(vertices, c)):
+        if check and not (is_usable(vertices, a) and is_usable(vertices, b) and is_usable(vertices, c)):
             continue
-        row += 1
-        x0 = min(_float64(vertices[a, 0]), _float64(vertices[b, 0]), _float64(vertices[c, 0]))
-        y0 = min(_float64(vertices[a, 1]), _float64(vertices[b, 1]), _float64(vertices[c, 1]))
-        z0 = min(_float64(vertices[a, 2]), _float64(vertices[b, 2]), _float64(vertices[c, 2]))
-        x1 = max(_float64(vertices[a, 0]), _float64(vertices[b, 0]), _float64(vertices[c, 0]))
-        y1 = max(_float64(vertices[a, 1]), _float64(vertices[b, 1]), _float64(vertices[c, 1]))
-        z1 = max(_float64(vertices[a, 2]), _float64(vertices[b, 2]), _float64(vertices[c, 2]))
-        store(base, _round_down((x0 - c0) * scale))
-        store(base + 4, _round_down((y0 - c1) * scale))
-        store(base + 8, _round_down((z0 - c2) * scale))
-        store(base + 12, _int32(i))
-        store(base + 16, _round_down((c0 - x1) * scale))
-        store(base + 20, _round_down((c1 - y1) * scale))
-        store(base + 24, _round_down((c2 - z1) * scale))
-        store(base + 28, np.float32(0.0))
-        base += RECORD_BYTES
-    return row
+        store_record(row, record_of(vertices, a, b, c, last, centre, scale), i)
+        row += RECORD_BYTES
+
+
+@inline
+def store_record(row: int, record: Any, face: int) -> None:
+    """Write a record with its words."""
+    store(row, record)
+    store(row + 12, _int32(face))
+    store(row + 28, np.float32(0.0))

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from tracer.accel.build import MAX_LEAF, build_over, shape_bounds
 from tracer.accel.layout import HEADER_TRIANGLES
 from tracer.accel.placing import AffineMap, box_of, kind_of, map_row, outline
-from tracer.accel.wide import build_wide, empty_aligned
+from tracer.accel.sorting import empty_aligned
+from tracer.accel.wide import build_wide
 from tracer.types import (
     MAP_BOX,
     MAP_PAD,

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tracer.accel import layout
-from tracer.accel.wide import bound_records, build_binary, empty_aligned
+from tracer.accel.assembly import _bound_records as bound_records
+from tracer.accel.assembly import _build_binary as build_binary
+from tracer.accel.sorting import empty_aligned
 
 
 def half_area(boxes):
@@ -32,7 +34,7 @@ def test_three_or_four_records_are_split_in_the_best_way(n):
         nodes[0] = bounds[0]
         words = nodes.view(np.int32)
         words[0, 3], words[0, 7] = 0, n
-        build_binary(records, nodes, 0, 0, bounds[1], 1, layout.STOP, np.empty((0, 8)))
+        build_binary(records, nodes, 0, 0, bounds[1], 1, layout.STOP, np.empty((0, 2), np.int64))
         ids = records.view(np.int32)[:, 3]
         assert sorted(ids.tolist()) == list(range(n))
         child = words[0, 3]

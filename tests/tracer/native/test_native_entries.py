@@ -121,15 +121,18 @@ def test_solids_have_the_bytes_of_numbas_kernels(only_numba, only_image):
 
 @pytest.mark.parametrize("subdivisions", [0, 3, 6])
 def test_trees_have_the_bytes_of_numbas_kernels(subdivisions, only_numba, only_image):
-    """20, 1,280 and 81,920 triangles with a broken one, and 40 spheres: all that builds is called."""
+    """20, 1,280 and 81,920 triangles with a broken one, 20 others, and 40 spheres: all that builds is called."""
     rng = np.random.default_rng(7)
     vertices, faces = icosphere(subdivisions, rng, 0.01)
     vertices = np.vstack([vertices, [[np.nan, 0.0, 0.0]]])
     broken = np.vstack([faces, [[0, 1, len(vertices) - 1]]]).astype(np.int32)
     spheres = (np.zeros(40, np.int32), rng.random((40, 3)), np.tile(np.eye(3) * 0.1, (40, 1, 1)))
+    few = icosphere(0)
     native = [*build_bvh(vertices, faces, *spheres), wide.build_wide(vertices, broken, threads=2).buffer]
+    native.append(wide.build_wide(*few).buffer)
     calls = only_numba()
     compiled = [*build_bvh(vertices, faces, *spheres), wide.build_wide(vertices, broken).buffer]
+    compiled.append(wide.build_wide(*few).buffer)
     assert digest(native) == digest(compiled)
     assert all(name.startswith("tracer.accel.") for name in calls)
     if subdivisions == 6:
