@@ -168,7 +168,7 @@ def test_a_mirror_too_weak_to_follow():
     scene = build(
         quads=[(WALL, material(ke=0.5, kr=1e-5)), (SCREEN, material(ke=1.0))],
         settings=settings(width=SIZE, height=SIZE, samples=SAMPLES, depth=1),
-        limits=[1e-4],
+        limits=[1e-4, 0.0],
         camera=NARROW,
     )
     counters = both(scene)
