@@ -16,9 +16,7 @@ Invariants
 Equations are those of [farmer2019].
 """
 
-import weakref
-from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +60,7 @@ SETTING_SEED: Final = 8  # 0 .. 2**32 - 1
 SETTING_MAX_DEPTH: Final = 9  # bounces after the primary ray
 SETTING_SHADOWS: Final = 10  # 0 or 1
 SETTING_CAMERA: Final = 11  # CAMERA_*
-SETTING_SKIP: Final = 12  # 1: fill pixels whose primary rays cannot meet the scene (same picture either way)
+SETTING_SKIP: Final = 12  # 0: every ray is traced (docs/skipping.md)
 SETTING_MIN_SAMPLES: Final = 13  # adaptive sampling: samples that every block takes, even; 0: all take SETTING_SAMPLES
 N_SETTINGS: Final = 14
 
@@ -364,28 +362,6 @@ FIELDS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "bvh_root": ("float64", (2, 3)),
     "solids": ("float64", (None, N_SOLID)),
 }
-
-
-class Remembered:
-    """Arrays that were looked at before, known again by identity: what they are need not be found out each time.
-
-    None of them is kept alive.
-
-    Parameters
-    ----------
-    arrays
-        Whose memory, dtype and shape stay what they are.
-    """
-
-    def __init__(self, arrays: Iterable[NDArray[Any]]) -> None:
-        self._references = [weakref.ref(array) for array in arrays]
-
-    def are(self, arrays: Sequence[NDArray[Any]]) -> bool:
-        """Tell whether these are the same arrays, in the same order."""
-        known = self._references
-        return len(known) == len(arrays) and all(
-            reference() is array for reference, array in zip(known, arrays, strict=True)
-        )
 
 
 def check_layout(scene: CompiledScene) -> None:

@@ -65,6 +65,7 @@ from tracer.types import (
     N_MATERIAL,
     SETTING_CAMERA,
     SETTING_SHADOWS,
+    SETTING_SKIP,
     SceneView,
     Vec3,
 )
@@ -155,7 +156,8 @@ def _light_hits(view: SceneView, scratch: Scratch, seen: Seen, lanes: int) -> No
             continue
         known = view.settings[SETTING_SHADOWS] == 0 or (seen.lit >> light) & 1 != 0
         shadows = int64(0) if known else scratch.shadows
-        lit = face_light(view, light, scratch.hits, shadows, lanes, scratch.counters)
+        n_solids = int64(0) if known or view.settings[SETTING_SKIP] == 0 else view.n_solids
+        lit = face_light(view, light, scratch.hits, shadows, lanes, n_solids, scratch.counters)
         if view.settings[SETTING_SHADOWS] != 0 and known:
             scratch.counters[_SHADOW_SHARED] += population_count(lit)
         elif lit != 0 and not known:

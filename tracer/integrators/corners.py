@@ -1,4 +1,4 @@
-"""What a wave of camera rays sees, told by the four rays through the corners of its pixels.
+"""What the camera rays of a rectangle of pixels see, told by the four rays through the corners of its pixels.
 
 The camera rays of a rectangle of pixels lie between the rays through its corners. Where these four meet one triangle,
 and the beam between them holds nothing else up to there and passes within its edges
@@ -26,6 +26,7 @@ from typing import Any, Final, NamedTuple
 
 from tracer.accel.layout import HEADER_WIDE_LEAVES
 from tracer.geometry.vector import add, at, cross, dot, is_black, largest, multiply, negate, scale, subtract
+from tracer.integrators.faces import ROOM, ROOM_MIRRORED, SLIM_MIRROR, corners_of, has_sure_plane, slimness
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
@@ -33,6 +34,7 @@ from tracer.rays.packet import CLOSEST, ENDING, NONE, PARALLEL, PENCIL, SOLE, tr
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
+    LIGHT,
     NIBBLE,
     ORIGIN,
     PRIMITIVE,
@@ -51,6 +53,7 @@ from tracer.shading.phong import attenuation_bound
 from tracer.shading.rows import (
     ATTENUATION,
     DIRECTION,
+    ERROR,
     GEOMETRIC,
     NORMAL,
     POSITION,
@@ -82,12 +85,14 @@ from tracer.types import (
     N_LIGHT,
     N_MATERIAL,
     N_MATERIAL_FLAGS,
+    N_SOLID,
     SETTING_CAMERA,
     SETTING_HEIGHT,
     SETTING_MAX_DEPTH,
     SETTING_SHADOWS,
     SETTING_SKIP,
     SETTING_WIDTH,
+    SOLID_BALL,
     SceneView,
     Vec3,
 )
@@ -99,13 +104,13 @@ _MOST_LIGHTS: Final = 62  # sets of lights are int64
 PLAIN_LIGHTS: Final = 16  # that a plain wave's shading has room for
 _WITHIN: Final = 1.0 - 2.0**-30  # slopes: the dominant axis is certain for all between
 _AWAY: Final = 2.0**-30  # of cosines: no rounding changes the sign
-_SLANT: Final = 2.0**-10  # of the cosine between a ray and a plane whose equation is used
-_SLIM: Final = 2.0**-20  # of twice a triangle's area over its longest edge squared; beyond, it has no sure plane
+_PER_ERROR: Final = 2.0**50  # the largest coordinate of a face, at most, over the error of its hits
+_SMALL: Final = 2.0**-24  # error of a hit, of a ball's half axis
 _SAME: Final = 2.0**-50  # of a unit normal's components: one plane
 
 
 class Seen(NamedTuple):
-    """What all camera rays of a wave see; sets of lights have bit i for light i."""
+    """What all camera rays of a rectangle of pixels see; sets of lights have bit i for light i."""
 
     face: int  # -1: nothing is known
     place: int  # address of the face in its leaf
@@ -124,19 +129,9 @@ class Seen(NamedTuple):
 
 @inline
 def nothing_seen(divided: bool) -> Seen:
-    """Return what is said of a wave of which nothing is known."""
+    """Return what is said where nothing is known."""
     zero = _int64(0)
     return Seen(_int64(-1), zero, zero, zero, zero, zero, zero, zero, zero, zero, divided, False, False)
-
-
-@inline
-def corners_of(view: SceneView, face: int) -> Any:
-    """Return where the coordinates of a face's three vertices begin."""
-    return (
-        3 * int64(view.face_vertices[3 * face]),
-        3 * int64(view.face_vertices[3 * face + 1]),
-        3 * int64(view.face_vertices[3 * face + 2]),
-    )
 
 
 @inline
@@ -187,18 +182,6 @@ def _sends_nothing_on(view: SceneView, face: int) -> bool:
 
 
 @inline
-def _has_sure_plane(view: SceneView, hits: int, face: int) -> bool:
-    """Tell whether the plane's equation gives the points of all between the corners' hits as well as weights do."""
-    i0, i1, i2 = corners_of(view, face)
-    p0, p1, p2 = at(view.vertex_positions, i0), at(view.vertex_positions, i1), at(view.vertex_positions, i2)
-    e1, e2, e3 = subtract(p1, p0), subtract(p2, p0), subtract(p2, p1)
-    across = cross(e1, e2)
-    longest = max(dot(e1, e1), dot(e2, e2), dot(e3, e3))
-    slant = absolute(dot(vector_at(hits + GEOMETRIC), vector_at(hits + DIRECTION)))
-    return bool(dot(across, across) > _SLIM * _SLIM * longest * longest and all_lanes(slant > splat(VECTOR, _SLANT)))
-
-
-@inline
 def is_mirror(view: SceneView, face: int) -> bool:
     """Tell whether a face mirrors and lets nothing through."""
     i = N_MATERIAL * int64(view.face_material[face])
@@ -224,21 +207,30 @@ def _one_side(scratch: Scratch) -> bool:
 
 
 @inline
+def _largest_error(hits: int) -> Any:
+    """Bound on the errors of four hits' coordinates."""
+    error = vector_at(hits + ERROR)
+    return maximum(error.x, maximum(error.y, error.z))
+
+
+@inline
 def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
     """Tell what a light does to all between the corners' hits: 1 lit, -1 dark, 0 not known."""
     corners = _int64(NIBBLE)
     # what it counts is nobody's: into memory that only shapes need
-    facing = face_light(view, light, scratch.hits, int64(0), corners, scratch.stack)
+    facing = face_light(view, light, scratch.hits, scratch.shadows, corners, int64(0), scratch.stack)
     if facing != corners or not _one_side(scratch):
         return 0
     if view.settings[SETTING_SHADOWS] == 0:
         return 1
-    origins = offset_origins(scratch.hits, vector_at(scratch.hits + TO_LIGHT))
+    error = _largest_error(scratch.hits)
+    store(scratch.shadows + LIGHT, error * splat(VECTOR, _PER_ERROR))
     for solid in range(view.n_solids):  # what is within is convex, and the four rays are a hull's corners
-        if may_hide(view, solid, light) and all_lanes(pass_through(view, solid, light, origins)):
+        i = N_SOLID * solid + SOLID_BALL
+        widest = splat(VECTOR, largest(at(view.solids, i)))
+        hidden = pass_through(view, solid, light, vector_at(scratch.shadows + ORIGIN))
+        if may_hide(view, solid, light) and all_lanes(hidden & (error * widest < splat(VECTOR, _SMALL))):
             return -1
-    if face_light(view, light, scratch.hits, scratch.shadows, corners, scratch.stack) != corners:
-        return 0
     if not _goes_one_way(scratch.shadows):
         return 0
     directional = view.light_kind[light] == LIGHT_KIND_DIRECTIONAL
@@ -252,10 +244,11 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
 
 
 @kernel
-def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any) -> Seen:
+def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any, start: Any, room: float) -> Seen:
     """Find out what all rays between four see.
 
-    ORIGIN, DIRECTION (unit), SKIP of ``scratch.hits`` are set; their lines meet ``before`` the origins.
+    ORIGIN, DIRECTION (unit), SKIP of ``scratch.hits`` are set; their lines meet ``before`` the origins. ``start`` is
+    the largest coordinate of what they start on, ``room`` what `has_sure_plane` asks for.
     """
     stand_alone()
     hits = scratch.hits
@@ -273,6 +266,7 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any) -> Seen
     fill_surfaces(view, ambient, hits, corners)
     # the rays end now at their hits: what is behind these does not count
     store(hits + WEIGHT_2, before)
+    store(hits + LIGHT, start)
     if trace_packet(scratch.trees, hits, corners, int64(SOLE + PENCIL), int64(0), int64(0), int64(0)) != face:
         return nothing_seen(True)
     place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
@@ -297,7 +291,7 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any) -> Seen
                 dark |= _int64(1) << light
     simple = flat and _has_one_color(view, face)
     judged = lit | dark | black | away == (_int64(1) << view.n_lights) - 1
-    even = simple and judged and view.n_lights <= PLAIN_LIGHTS and _has_sure_plane(view, hits, face)
+    even = simple and judged and view.n_lights <= PLAIN_LIGHTS and has_sure_plane(view, hits, face, lit, before, room)
     plain = even and _sends_nothing_on(view, face)
     axis = load(_int64, hits + AXIS)
     divided = (simple and not judged and _sends_nothing_on(view, face)) or (flat and is_mirror(view, face))
@@ -336,7 +330,8 @@ def look_at_corners(
     width, height = settings[SETTING_WIDTH], settings[SETTING_HEIGHT]
     fill_camera_rays(view.camera, settings[SETTING_CAMERA], width, height, int64(4), x, hits + ORIGIN, hits + DIRECTION)
     store(hits + SKIP, splat(INTEGERS, _int64(-1)))
-    return _look(view, ambient, scratch, splat(VECTOR, 0.0))
+    none = splat(VECTOR, 0.0)
+    return _look(view, ambient, scratch, none, none, ROOM)
 
 
 @kernel
@@ -373,4 +368,6 @@ def look_in_mirror(view: SceneView, ambient: Vec3, scratch: Scratch, seen: Seen)
     put_vector(hits + ORIGIN, mask_of(_int64(NIBBLE), 0), origin)
     put_vector(hits + DIRECTION, mask_of(_int64(NIBBLE), 0), mirrored)
     store(hits + SKIP, load(INTEGERS, hits + START))
-    return _look(view, ambient, scratch, load(VECTOR, hits + T_BEST))
+    start = _largest_error(hits) * splat(VECTOR, _PER_ERROR)
+    room = ROOM_MIRRORED if slimness(view, seen.face)[0] > SLIM_MIRROR else 0.0
+    return _look(view, ambient, scratch, load(VECTOR, hits + T_BEST), start, room)

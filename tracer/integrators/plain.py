@@ -6,15 +6,16 @@ s = n . d of the ray, is affine, too: m = s (L - o) - c d. So the cosine at a sa
 length of an affine vector, and the colour is the face's own light plus, for each lamp, one colour times a sum of such
 numbers over the samples. What a flat mirror shows is seen by the mirrored pencil.
 
-Invariants: the face's plane and rays are such that its equation is as good as the weights of vertices
-(``_has_sure_plane``), so a pixel's sums are those of tracing every ray within 1e-12 of the lights that arrive; which
-pixels are shaded so depends on their square of the picture alone.
+Invariants: the face's plane, the rays and the lamps are such that its equation is as good as the weights of vertices
+(:func:`tracer.integrators.faces.has_sure_plane`), so a pixel's sums are those of tracing every ray within 1e-12 of the
+lights that arrive; which pixels are shaded so depends on their square of the picture alone.
 """
 
 from typing import Any, Final, NamedTuple
 
 from tracer.geometry.vector import add, at, cross, dot, is_black, multiply, negate, normalize, scale, subtract
-from tracer.integrators.corners import PLAIN_LIGHTS, Seen, corners_of
+from tracer.integrators.corners import PLAIN_LIGHTS, Seen
+from tracer.integrators.faces import corners_of
 from tracer.integrators.places import place_samples
 from tracer.integrators.sums import SUMS, add_everywhere, add_shares
 from tracer.jit import inline, int64, kernel

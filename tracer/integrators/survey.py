@@ -16,7 +16,8 @@ from tracer.simd.gateway import types
 from tracer.types import BLOCK_PX, SETTING_SAMPLES, SETTING_SKIP, SceneView, Vec3
 
 _int64: Final = types.int64
-_SEEN: Final = 13  # numbers of a `Seen`
+_SEEN: Final = 13  # numbers of a `Seen`, in its order
+_DIVIDED: Final = 80  # bytes before that one
 _SQUARE: Final = 2 * 8 * _SEEN  # bytes: what it sees, and what in the mirror that it sees
 _COARSE: Final = 8  # pixels a side
 _FINE: Final = 4
@@ -38,7 +39,7 @@ def _put(address: int, seen: Seen) -> None:
     store(address + 56, seen.dark)
     store(address + 64, seen.black)
     store(address + 72, seen.away)
-    store(address + 80, _int64(seen.divided))
+    store(address + _DIVIDED, _int64(seen.divided))
     store(address + 88, _int64(seen.even))
     store(address + 96, _int64(seen.plain))
 
@@ -56,7 +57,7 @@ def _get(address: int) -> Seen:
         load(_int64, address + 56),
         load(_int64, address + 64),
         load(_int64, address + 72),
-        load(_int64, address + 80) != 0,
+        load(_int64, address + _DIVIDED) != 0,
         load(_int64, address + 88) != 0,
         load(_int64, address + 96) != 0,
     )
@@ -106,7 +107,7 @@ def survey_square(view: SceneView, ambient: Vec3, scratch: Scratch, survey: int,
     coarse = fine >> 2
     place = survey + _SQUARE * coarse
     x, y = x0 + _COARSE * (coarse & 1), y0 + _COARSE * (coarse >> 1)
-    divided = load(_int64, place + 80) != 0 and load(_int64, place + _SQUARE // 2) < 0
+    divided = load(_int64, place + _DIVIDED) != 0 and load(_int64, place + _SQUARE // 2) < 0
     if load(_int64, place) == _UNASKED:
         if view.settings[SETTING_SKIP] == 0:
             _put(place, nothing_seen(False))

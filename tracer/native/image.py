@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from tracer.native.link import PAGE, Linked
-from tracer.types import Remembered
+from tracer.remembered import Remembered
 
 _MAGIC: Final = b"SMKERN\x01\n"
 _PREFIX: Final = struct.Struct("<8sQ32s")

@@ -8,9 +8,9 @@ outline surrounds the beam; a wall goes on beside the place that a ray leaves.
 
 Invariant: a thing is said only where it holds by more than rounding can amount to. With Q the largest difference of
 coordinates, a sheared one is off by less than 4 eps Q, an edge function by 20 eps Q**2, eps = 2**-53. And the rays
-between are not quite there: with R the largest coordinate of an origin, these are off by less than 32 eps (Q + R),
-which moves an edge function by 256 eps (Q + R) Q. The predicate's own bound (:data:`tracer.rays.predicate.CERTAIN`) is
-less.
+between are not quite there: with R the largest coordinate of an origin, or of the face that they start on, these are
+off by less than 32 eps (Q + R), which moves an edge function by 256 eps (Q + R) Q. The predicate's own bound
+(:data:`tracer.rays.predicate.CERTAIN`) is less.
 """
 
 from typing import Any, Final
@@ -18,15 +18,14 @@ from typing import Any, Final
 from tracer.jit import inline, kernel
 from tracer.rays.packet_leaf import coordinate, sheared, stack_of_nine
 from tracer.rays.predicate import TINY
-from tracer.rays.rows import ORIGIN, ROW, SHEAR, T_BEST, VECTOR, WEIGHT_1, WEIGHT_2
+from tracer.rays.rows import LIGHT, ORIGIN, ROW, SHEAR, T_BEST, VECTOR, WEIGHT_1, WEIGHT_2
 from tracer.simd import absolute, all_lanes, load, maximum, select, splat, stand_alone
 from tracer.simd.gateway import types
 
 _int64: Final = types.int64
 
-PENCIL: Final = (
-    1  # kinds of beams: lines through one point, WEIGHT_2 before the origins; T_BEST is where they end, on one plane
-)
+# Kinds of beams.
+PENCIL: Final = 1  # lines through one point, WEIGHT_2 before the origins; T_BEST is where they end, on one plane
 ENDING: Final = 2  # from a plane to one point, t = 1
 PARALLEL: Final = 3  # from a plane, endless
 APART: Final = 0  # answers: no ray meets it on its way
@@ -51,7 +50,7 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
     place, size, row
         The triangle, as for :func:`tracer.rays.packet_leaf.meet_triangle`.
     packet
-        Address of the rays, lanes 0 to 3.
+        Address of the rays, lanes 0 to 3; LIGHT holds the largest coordinate of what they start on.
     axes
         (kx, ky, kz).
     kind
@@ -71,7 +70,7 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
     q = maximum(maximum(absolute(az), absolute(bz)), absolute(cz))
     q = maximum(q, maximum(maximum(absolute(ax), absolute(bx)), absolute(cx)))
     q = maximum(q, maximum(maximum(absolute(ay), absolute(by)), absolute(cy)))
-    r = absolute(load(VECTOR, packet + ORIGIN))
+    r = maximum(absolute(load(VECTOR, packet + ORIGIN)), load(VECTOR, packet + LIGHT))
     r = maximum(
         r, maximum(absolute(load(VECTOR, packet + ORIGIN + ROW)), absolute(load(VECTOR, packet + ORIGIN + 2 * ROW)))
     )

@@ -1,6 +1,6 @@
 """The backend seam: whoever can compile a scene and render blocks of it.
 
-Invariants: a backend is stateless, so one serves any number of threads; what it returns depends on its arguments alone;
+Invariants: one backend serves any number of threads; what it returns depends on its arguments alone;
 `arithmetic` names its class of arithmetic and stands in the hash of every render. Today there is the CPU's.
 """
 
@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.native.entries import entry
+from tracer.remembered import Remembered
 from tracer.render.adaptive import is_adaptive, render_adaptively
 from tracer.render.compile import compile_scene
 from tracer.scene import AssetResolver, SceneDoc
-from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, Remembered, check_layout
+from tracer.types import BLOCK_PX, COUNTERS, SETTING_SAMPLES, CompiledScene, FilmBlocks, check_layout
 
 render_blocks = entry("tracer.render.blocks.render_blocks")
 
@@ -65,7 +66,7 @@ class Backend(Protocol):
 
 
 class CpuBackend:
-    """Scalar float64 kernels, one thread a call, without the GIL."""
+    """Float64 kernels in lanes, one thread a call, without the GIL."""
 
     name: str = "cpu"
     arithmetic: str = "f64-v2"

@@ -128,7 +128,9 @@ def _baked(mesh: MeshRecord) -> MeshRecord:
         if normals is not None:
             normals = transform_normals(mesh.rows, normals)
     check_range(positions, mesh.pointer)
-    faces = mesh.faces[:, [0, 2, 1]] if is_mirroring(mesh.rows) else mesh.faces  # keeps the winding outward
+    faces = mesh.faces
+    if is_mirroring(mesh.rows):  # keeps the winding outward
+        faces = np.ascontiguousarray(faces[:, [0, 2, 1]])
     return mesh._replace(positions=positions, normals=normals, faces=faces, rows=IDENTITY)
 
 

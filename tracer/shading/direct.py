@@ -77,7 +77,6 @@ from tracer.types import (
     LIGHT_SPOT_OFFSET,
     LIGHT_SPOT_SCALE,
     N_LIGHT,
-    SETTING_SKIP,
     SceneView,
     Vec3,
 )
@@ -204,7 +203,7 @@ def reflect_light(kd: Any, ks: Any, cosine: Any, exponent: Any, normal: Any, to_
 
 
 @kernel
-def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, counters: Any) -> Any:
+def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: int, n_solids: int, counters: Any) -> Any:
     """Find which hits face a light, and make their shadow rays.
 
     Parameters
@@ -218,13 +217,15 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         are wanted, all light arrives.
     lanes
         The hits.
+    n_solids
+        How many closed meshes shadow rays are held against; 0 where none are wanted.
     counters
         Flat, COUNTERS.
 
     Returns
     -------
     int64
-        The hits that face the light and would reflect some of it.
+        The hits that face the light and would reflect some of it, if no closed mesh hides it.
     """
     stand_alone()
     kind = view.light_kind[light]
@@ -236,7 +237,10 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
     against = negate(at(view.lights, i + LIGHT_DIRECTION))
     shear = shear_of(against.x, against.y, against.z)
     speed = against.z if shear[2] == 2 else (against.y if shear[2] == 1 else against.x)
-    n_solids = view.n_solids if view.settings[SETTING_SKIP] != 0 else _int64(0)
+    hiding = _int64(0)
+    for solid in range(n_solids):
+        if may_hide(view, solid, light):
+            hiding |= _int64(1) << solid
     lit = _int64(0)
     for k in range(VECTORS):
         bits = (lanes >> (LANES * k)) & NIBBLE
@@ -256,15 +260,12 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         if useful == 0:
             continue
         wanted = useful
-        origin = to_light  # if no shadow rays are wanted, nobody asks for it
-        if shadows != 0:
-            origin = offset_origins(ray, to_light)
-            for solid in range(n_solids):
-                if may_hide(view, solid, light):
-                    useful &= ~mask_to_bits(pass_through(view, solid, light, origin))
-            counters[_SKIPPED_SOLID] += population_count(wanted & ~useful)
-            if useful == 0:
-                continue
+        for solid in range(n_solids):
+            if (hiding >> solid) & 1:
+                useful &= ~mask_to_bits(pass_through(view, solid, light, offset_origins(ray, to_light)))
+        counters[_SKIPPED_SOLID] += population_count(wanted & ~useful)
+        if useful == 0:
+            continue
         lit |= useful << (LANES * k)
         store(ray + TO_LIGHT, to_light.x)
         store(ray + TO_LIGHT + ROW, to_light.y)
@@ -273,6 +274,7 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
         store(ray + STRENGTH, strength)
         if shadows == 0:
             continue
+        origin = offset_origins(ray, to_light)
         shadow = shadows + STEP * k
         store(shadow + ORIGIN, origin.x)
         store(shadow + ORIGIN + ROW, origin.y)

@@ -196,3 +196,46 @@ def test_pixels_do_not_depend_on_crop_or_range(seed):
     parts = [render(scene, 0, 4), render(scene, 4, 5), render(scene, 5, 16)]
     for name in ("primary_rays_skipped_shared", "reflection_rays_skipped_shared", "shadow_rays_skipped_shared"):
         assert sum(counted(part)[name] for part in parts) == counted(whole)[name]
+
+
+@pytest.mark.parametrize("across", [1e3, 1e6, 1e9])
+def test_walls_far_larger_than_the_way_to_the_lamp(across):
+    wall = np.array(WALL) * [across / 400, across / 400, 1.0]
+    for depth in (1.0, 1e-3, 1e-6):
+        both(
+            build(
+                quads=[(wall, material(kd=0.7, ks=0.3, exponent=1000.0))],
+                lights=[point((0.05, 0.03, -4.0 + depth))],
+                light_kind=[LIGHT_KIND_POINT],
+                settings=settings(width=SIZE, height=SIZE, samples=SAMPLES),
+                camera=[*NARROW[:12], -0.02, 0.02, -0.02, 0.02, 1],
+            )
+        )
+
+
+def test_slim_faces_grazing_views_and_near_lamps():
+    """Where the plane's equation would be worse than the weights of vertices, it is not used; somewhere it is."""
+    rng = np.random.default_rng(6)
+    plain = 0
+    for _ in range(80):
+        slim, slant = 2.0 ** -rng.uniform(1, 20), 2.0 ** -rng.uniform(0, 10)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        face = np.array([[-0.5, -0.3 * slim, 0], [0.5, -0.37 * slim, 0], [0.13, 0.66 * slim, 0], [0, 0, 90]]) @ turn
+        foot, angle = slim * 2.0 ** -rng.uniform(3, 6), rng.uniform(0, 6)
+        flat = np.sqrt(1 - slant**2)
+        back = np.array([flat * np.cos(angle), flat * np.sin(angle), slant])
+        right = np.cross([0.3, 0.5, 0.7], back)
+        right /= np.linalg.norm(right)
+        distance = foot * 2.0 ** rng.uniform(0, 8) / slant
+        lamp = np.array([*rng.normal(size=2) * foot, slim * 2.0 ** rng.uniform(-1, 8)])
+        half = foot / distance / 2 * slant
+        frame = [back * distance, right, np.cross(back, right), back]
+        scene = build(
+            quads=[(face, material(kd=0.7, ks=rng.choice([0, 0.5]), exponent=rng.choice([20.0, 1000.0])))],
+            lights=[point(lamp @ turn)],
+            light_kind=[LIGHT_KIND_POINT],
+            settings=settings(width=SIZE, height=SIZE, samples=SAMPLES),
+            camera=[*np.concatenate([v @ turn for v in frame]), -half, half, -half, half, 1],
+        )
+        plain += both(scene)["primary_rays_skipped_shared"] > 0
+    assert plain > 20

@@ -97,16 +97,21 @@ def test_the_largest_are_kept():
     assert np.round(2 / solids[:, SOLID_BALL]).tolist() == list(range(MOST_SOLIDS + 3, 3, -1))
 
 
-def on_a_floor(mesh, lights, kinds, **look):
+def on_a_floor(mesh, lights, kinds):
     """A mesh above a floor, seen from above."""
-    vertices, faces = arrays(mesh)
-    floor = [[-40, -40, -9], [40, -40, -9], [40, 40, -9], [-40, 40, -9]]
+    return with_mesh(
+        arrays(mesh), [[-40, -40, -9], [40, -40, -9], [40, 40, -9], [-40, 40, -9]], lights, kinds, NARROW, 96
+    )
+
+
+def with_mesh(mesh, floor, lights, kinds, camera, size):
+    """A mesh and a floor, which are two objects."""
+    vertices, faces = mesh
     scene = build(
-        quads=[(floor, material(kd=0.8)), ([[0, 0, 90]] * 4, material(kd=0.8, **look))],
+        quads=[(floor, material(kd=0.8)), ([[0, 0, 90]] * 4, material(kd=0.8))],
         lights=lights,
         light_kind=kinds,
-        settings=settings(width=96, height=96, samples=16),
-        camera=NARROW,
+        settings=settings(width=size, height=size, samples=16),
     )
     n = len(scene.vertex_positions)
     fields = {
@@ -119,7 +124,7 @@ def on_a_floor(mesh, lights, kinds, **look):
         "face_flags": np.zeros(len(scene.face_flags) + len(faces)),
     }
     kept = {name: getattr(scene, name) for name in ("materials", "material_flags", "lights", "light_kind", "settings")}
-    return build(**kept, camera=NARROW, solids=find_solids([(vertices, faces)]), **fields)
+    return build(**kept, camera=camera, solids=find_solids([(vertices, faces)]), **fields)
 
 
 def both(scene):
@@ -190,3 +195,51 @@ def test_only_opaque_meshes_count(kt, n):
     assert len(solids) == n
     if n:
         np.testing.assert_allclose(solids[0, SOLID_CENTRE : SOLID_CENTRE + 3], [1, 2, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize(("reach", "wide"), [(1e6, 2e-8), (1e9, 1e-5), (1e11, 1e-3), (1e12, 1e-3)])
+def test_shadows_on_a_floor_whose_vertices_are_far_away(reach, wide):
+    """Hits there are off by far more than they lie from the world's origin: corner rays must not speak for others."""
+    rng = np.random.default_rng(4)
+    box = arrays(trimesh.creation.box(extents=[2, 2, 2]))
+    for _ in range(6):
+        far = reach * rng.uniform(0.5, 1)
+        floor = [
+            [-1.1 * far, -0.97 * far, -9],
+            [1.03 * far, -0.9 * far, -9],
+            [far, 1.07 * far, -9],
+            [-far, 1.2 * far, -9],
+        ]
+        edge = 1.0 + rng.uniform(-0.4, 0.4) * wide
+        scene = with_mesh(
+            (box[0] + [0, 0, -5.0], box[1]),
+            floor,
+            [directional((0, 0, -1))],
+            [LIGHT_KIND_DIRECTIONAL],
+            [
+                0.3,
+                0,
+                -7.0,
+                *NARROW[3:12],
+                *((np.array([edge - wide / 2, edge + wide / 2]) - 0.3) / 2),
+                -wide / 4,
+                wide / 4,
+                1,
+            ],
+            32,
+        )
+        both(scene)
+
+
+def test_solids_take_no_square_from_a_face_that_hides_it():
+    """Before a cube's face, a square half of whose rays pass the ball is dark by the face."""
+    box = arrays(trimesh.creation.box(extents=[2, 2, 2]))
+    floor = [[-10, -400, -9], [790, -400, -9], [790, 400, -9], [-10, 400, -9]]
+    camera = [0.3, 0, -7.0, *NARROW[3:12], -0.65, 0.35, -0.5, 0.5, 1]
+    scene = with_mesh(
+        (box[0] + [0, 0, -5.0], box[1]), floor, [directional((0, 0, -1))], [LIGHT_KIND_DIRECTIONAL], camera, 128
+    )
+    shared = [
+        both(scene._replace(solids=solids))["shadow_rays_skipped_shared"] for solids in (scene.solids, scene.solids[:0])
+    ]
+    assert shared[0] >= shared[1] > 0

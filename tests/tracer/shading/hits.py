@@ -27,6 +27,7 @@ def _face(scene, light, hits, shadows, lanes, counters):
         address_of(hits),
         address_of(shadows),
         lanes,
+        np.int64(0),
         pointer(counters),
     )
 
