@@ -25,7 +25,7 @@ def test_what_is_left_out_is_less_than_the_threshold(least):
     for threshold in (least, 0.0):
         scene = build(
             quads=box(),
-            limits=np.array([threshold]),
+            limits=[threshold, 0.0],
             settings=settings(width=32, height=32, samples=4, depth=30),
             camera=NARROW,
         )
