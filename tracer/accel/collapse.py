@@ -117,7 +117,10 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         split = count_trailing_zeros(mask_to_bits(together == splat(float32x8, inner)) | 128)
         inner = inner + area * _float32(NODE_COST)
         leaf = _float32(_INF)
-        if count <= LEAF_TRIANGLES:
+        # a leaf holds neighbouring records; groups that were joined (`tracer.accel.clusters`) lie anywhere
+        left_entry, right_entry = plan_base + child * PLAN_BYTES, plan_base + (child + 1) * PLAN_BYTES
+        beside = load(_int32, left_entry + 4) + load(_int32, left_entry) == load(_int32, right_entry + 4)
+        if count <= LEAF_TRIANGLES and beside:
             chunks = (count + CHUNK - 1) // CHUNK
             leaf = area * (_float32(LEAF_COST) + _float32(CHUNK_COST) * _float32(chunks))
         single = min(leaf, inner)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.tracer.accel.meshes import icosphere
 from tracer.accel.wide import build_wide, load_wide
 from tracer.rays import Hits, RayCaster
 
@@ -102,3 +103,18 @@ def test_the_package_loads_lazily():
 
     with pytest.raises(AttributeError):
         _ = tracer.rays.nothing
+
+
+def test_every_triangle_of_a_fine_mesh_among_large_ones_is_met():
+    """A ray to the middle of each triangle meets that one: none is lost where few large ones share the top of the tree."""
+    rng = np.random.default_rng(8)
+    fine, fine_faces = icosphere(6)
+    large = rng.uniform(-3, 3, (40, 1, 3)) + rng.uniform(-1, 1, (40, 3, 3)) * rng.choice([0.5, 2.0], (40, 1, 1))
+    far = np.linalg.norm(large.mean(1), axis=1) > 0
+    vertices = np.concatenate([fine, large[far].reshape(-1, 3)])
+    faces = np.concatenate([fine_faces, len(fine) + np.arange(3 * far.sum()).reshape(-1, 3)]).astype(np.int32)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    hits = RayCaster(vertices, faces).closest_hit(corners.mean(1) + 1e-7 * normals, -normals, 0.0, 2e-7)
+    np.testing.assert_array_equal(hits.primitive, np.arange(len(faces)))
