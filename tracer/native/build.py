@@ -1,29 +1,28 @@
 """Compile the entries through numba and write the image: the one module here that imports the compiler.
 
-``python -m tracer.native.build IMAGE`` does it, in a process of its own: numba, as it is otherwise, optimises every
-kernel together with all that it calls, level by level, makes machine code and a wrapper for Python of each, and keeps
-all that; here it only writes LLVM's language, which is optimised once, when everything is together
-(`_for_linking`). That takes half the time.
+``python -m tracer.native.build IMAGE`` does it, in a process of its own and one more: numba's way from Python to
+LLVM's language (:mod:`tracer.native.frontend`) is most of the work, and numba cannot take two kernels along it at once.
 
 Each entry gets a door of its own, ``int32 door(int64 *words)``: numbers, and an array's address and lengths, are read
 from ``words``, numba's native function is called, its results are written back to ``words``, and what is returned is
 not 0 where it raised, which only memory that is not to be had makes a kernel do. All doors and what they call are one
-LLVM module: numba's, optimised as numba does, without its wrappers for Python.
+LLVM module a process: numba's, optimised as numba does, without its wrappers for Python.
 
 Numba's arrays are counted and freed by its runtime, which an image does without: the two functions that kernels call of
 it are written here, over ``malloc`` and ``free``.
 """
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
 from llvmlite import binding, ir
 
 from tracer.native.entries import ENTRIES
+from tracer.native.frontend import for_linking
 from tracer.native.image import door_name, save_image
 from tracer.native.link import link
 
@@ -35,6 +34,8 @@ _cgutils: Final[Any] = import_module("numba.core.cgutils")
 _word: Final = ir.IntType(64)
 _words: Final = ir.PointerType(_word)
 _status: Final = ir.IntType(32)
+_LARGEST: Final = "tracer.render.blocks.render_blocks"
+"""What takes three quarters of the time: compiled in one process, all others in a second one meanwhile."""
 
 # The layout of numba's MemInfo (numba/core/runtime/nrt.cpp): reference count, destructor, its argument, data, size,
 # allocator. 64 bytes, so that data of any alignment up to that follows.
@@ -200,52 +201,28 @@ def compile_entries() -> list[Any]:
     return [compile_kernel(name, kinds) for name, kinds in ENTRIES.items()]
 
 
-@contextmanager
-def _for_linking() -> Iterator[None]:
-    """Have numba write LLVM's language and no more: nothing that it compiles meanwhile can be called.
-
-    What stands for a kernel's Python function must be one of C, and another for each kernel: a list's own `append`.
-    """
-    caching = import_module("numba.core.caching")
-    codegen = import_module("numba.core.codegen")
-    context = import_module("numba.core.cpu").CPUContext
-
-    def finalize(_context: Any, library: Any, _description: Any, _environment: Any) -> Any:
-        library._ensure_finalized()  # noqa: SLF001
-        return [].append
-
-    def nothing(*_arguments: Any, **_options: Any) -> None:
-        pass
-
-    changes = [
-        (codegen.CPUCodeLibrary, "_optimize_functions", nothing),
-        (codegen.CPUCodeLibrary, "_optimize_final_module", nothing),
-        (codegen.JITCodeLibrary, "_finalize_specific", nothing),
-        (context, "create_cpython_wrapper", nothing),
-        (context, "get_executable", finalize),
-        (import_module("numba.core.event"), "broadcast", nothing),  # millions, that nobody listens to
-        (caching.FunctionCache, "load_overload", nothing),
-        (caching.FunctionCache, "save_overload", nothing),
-    ]
-    before = [getattr(owner, name) for owner, name, _ in changes]
-    for owner, name, change in changes:
-        setattr(owner, name, change)
-    try:
-        yield
-    finally:
-        for (owner, name, _), old in zip(changes, before, strict=True):
-            setattr(owner, name, old)
+def _compile_part(names: list[str]) -> tuple[bytes, dict[str, Any]]:
+    """Compile entries into one optimised LLVM module; returns its bitcode and the entries' index."""
+    with for_linking():
+        compiled = [compile_kernel(name, ENTRIES[name]) for name in names]
+    context = compiled[0].target_context
+    module = ir.Module("smalti")
+    module.triple = binding.get_process_triple()
+    module.data_layout = context.codegen()._data_layout  # noqa: SLF001
+    index = {}
+    for name, one in zip(names, compiled, strict=True):
+        kinds, n_results = _add_door(context, module, name, one)
+        index[name] = {"arguments": kinds, "results": n_results}
+    return _link(module, compiled, {door_name(name) for name in names}).as_bitcode(), index
 
 
-def write_image(path: Path, compiled: list[Any]) -> int:
-    """Link compiled entries and write the image.
+def write_image(path: Path) -> int:
+    """Compile the entries and write the image.
 
     Parameters
     ----------
     path
         Its name, in the folder of the kernels' key.
-    compiled
-        What :func:`compile_entries` returned.
 
     Returns
     -------
@@ -259,20 +236,15 @@ def write_image(path: Path, compiled: list[Any]) -> int:
     OSError
         The folder cannot be written.
     """
-    context = compiled[0].target_context
-    module = ir.Module("smalti")
-    module.triple = binding.get_process_triple()
-    module.data_layout = context.codegen()._data_layout  # noqa: SLF001
-    index = {}
-    for name, one in zip(ENTRIES, compiled, strict=True):
-        kinds, n_results = _add_door(context, module, name, one)
-        index[name] = {"arguments": kinds, "results": n_results}
-    linked = _link(module, compiled, {door_name(name) for name in ENTRIES})
-    code = link(_target_machine(context.codegen()).emit_object(linked))
-    return save_image(path, path.parent.name, code, index)
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as other:
+        others = other.submit(_compile_part, [name for name in ENTRIES if name != _LARGEST])
+        code, index = _compile_part([_LARGEST])
+        others_code, others_index = others.result()
+    linked = binding.parse_bitcode(code)
+    linked.link_in(binding.parse_bitcode(others_code))
+    codegen = import_module("numba.core.registry").cpu_target.target_context.codegen()
+    return save_image(path, path.parent.name, link(_target_machine(codegen).emit_object(linked)), index | others_index)
 
 
 if __name__ == "__main__":
-    with _for_linking():
-        entries = compile_entries()
-    write_image(Path(sys.argv[1]), entries)
+    write_image(Path(sys.argv[1]))

@@ -34,7 +34,9 @@ _KERNEL_SOURCES: Final = (
     "render/inside.py",
     "render/contrast.py",
 )
-_IMAGE_SOURCES: Final = ("native/build.py", "native/entries.py", "native/image.py", "native/link.py")
+_IMAGE_SOURCES: Final = (
+    *("native/build.py", "native/frontend.py", "native/entries.py", "native/image.py", "native/link.py"),
+)
 _CPU_FIELDS: Final = frozenset(
     {"vendor_id", "cpu family", "model", "model name", "stepping", "flags"}  # x86
     | {"CPU implementer", "CPU architecture", "CPU variant", "CPU part", "Features"}  # ARM

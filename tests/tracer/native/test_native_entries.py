@@ -305,3 +305,26 @@ module.import_module = lambda name: type("Build", (), {{"compile_entries": stati
 module.warm(lambda: print("compiling"))
 """
     assert run(code, SMALTI_CACHE=str(cache)).splitlines() == ["compiling", "tracer.native.build"]
+
+
+def test_the_front_end_writes_what_numba_writes():
+    """Less work between numba's steps, the same language."""
+    code = """
+import re, sys
+from numba.core.compiler_machinery import PassManager
+from tracer.native.build import compile_kernel
+from tracer.native.entries import ENTRIES
+from tracer.native.frontend import for_linking
+
+numbas = PassManager._runPass
+with for_linking():
+    if sys.argv[1] == "numba":
+        PassManager._runPass = numbas
+    for name in ("tracer.accel.records.make_records", "tracer.accel.collapse.plan_nodes"):
+        text = str(compile_kernel(name, ENTRIES[name]).library._get_module_for_linking())
+        print(re.sub("globals.[0-9a-f]+|inttoptr .i64 [0-9]+", "", text))  # addresses of objects of this process
+assert PassManager._runPass is numbas
+"""
+    ours, numbas = (run(code, who, PYTHONHASHSEED="0").splitlines() for who in ("ours", "numba"))
+    assert len(ours) > 1000
+    assert ours == numbas
