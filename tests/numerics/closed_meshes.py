@@ -83,6 +83,21 @@ MESHES = {
     "needle": (needle, [0.0, 0.0, 0.0], 1e-8),
     "fan": (fan, [0.0, 0.0, 0.0], 0.05),
 }
+
+
+def mix(rng):
+    """A few of these meshes, coarse and fine, large and tiny, among loose triangles in a box 10 wide, in random order."""
+    loose = rng.uniform(-5, 5, (40, 1, 3)) + rng.uniform(-1, 1, (40, 3, 3)) * rng.choice([0.2, 1.0, 4.0], (40, 1, 1))
+    pieces = [(loose.reshape(-1, 3), np.arange(120).reshape(-1, 3))]
+    for limit in rng.choice([16, 64, 256], rng.integers(1, 4)):
+        n, m = rng.integers(4, limit, 2)
+        vertices, faces = torus(n, m) if limit > 64 or rng.random() < 0.5 else sphere(n, m, rng.integers(1000), 0.2)
+        pieces.append((vertices * 10.0 ** rng.uniform(-4, 0.5, rng.choice([1, 3])) + rng.uniform(-5, 5, 3), faces))
+    first = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
+    faces = np.concatenate([faces + at for (_, faces), at in zip(pieces, first, strict=False)]).astype(np.int32)
+    return np.concatenate([vertices for vertices, _ in pieces]), rng.permutation(faces)
+
+
 AIMS = ("random", "vertex", "edge", "middle", "axis", "plane")
 
 

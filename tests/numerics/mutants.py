@@ -68,6 +68,9 @@ MUTANTS = [
         "        fma(-sx, az, ax - ox),\n",
     ),
     Mutant(
+        "leaf-of-strangers", "N2", "accel/collapse.py", "count <= LEAF_TRIANGLES and beside", "count <= LEAF_TRIANGLES"
+    ),
+    Mutant(
         "edge-lost-in-packets",  # < becomes <=
         "N2",
         "rays/packet_leaf.py",

@@ -4,18 +4,20 @@ The paths: single rays, many in flight, tiles of 64 as they come in a batch, the
 as they come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a
 time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at, or all of them
 a little beside it. What four rays tell of all between them is held against brute force, too (:mod:`beams`). A
-placement that is moved decides about the ray in its own space: brute force does so about the same moved ray.
+placement that is moved decides about the ray in its own space: brute force does so about the same moved ray. And rays
+at random triangles of fine and coarse meshes in one tree (`closed_meshes.mix`), which a builder may lose.
 """
 
 import numpy as np
 from beams import span, wrong_answers
-from closed_meshes import by_brute_force
+from closed_meshes import by_brute_force, mix
 from n01 import batches
 from packets import by_packets
 from row import Row
 
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.placements import place, random_turn, rows_of
+from tracer.rays import RayCaster
 from tracer.rays.caster import Hits, checked_rays
 from tracer.rays.coherent import trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST
@@ -27,6 +29,7 @@ BRUTE = 200  # rays a batch that every face is tested against
 TOGETHER = 4  # rays a batch that 63 others go along with, some of them a little beside
 NARROW = 12  # rays a batch that 63 others go along with all the way
 BEAMS = 24  # a batch
+MIX = 200  # rays a mix of fine and coarse meshes
 PATHS = {
     "stream": (trace_stream, ()),
     "tiles in a row": (trace_coherent, (0,)),
@@ -127,10 +130,30 @@ def by_placements(vertices, faces, origins, directions, rng):
     return int(((hits.t != t) | (hits.primitive != primitive)).sum())
 
 
+def run_mixes(cases, rng):
+    """Rays at random triangles of mixes of fine and coarse meshes: how many, and how many wrong answers."""
+    wrong = 0
+    for _ in range(max(cases // MIX, 1)):
+        vertices, faces = mix(rng)
+        vertices = vertices.astype(rng.choice([np.float32, np.float64]))
+        caster = RayCaster(vertices, faces, threads=int(rng.integers(1, 3)))
+        vertices = vertices.astype(np.float64)
+        corners = vertices[faces]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        corners = corners[rng.choice(len(faces), MIX, p=0.5 / len(faces) + 0.5 * area / area.sum())]
+        targets = (corners * rng.dirichlet(np.ones(3), MIX)[:, :, None]).sum(1)
+        origins = rng.uniform(-5, 5, (MIX, 3))
+        times, primitives, counts = by_brute_force(vertices, faces, origins, targets - origins)
+        hits = caster.closest_hit(origins, targets - origins)
+        wrong += int(((hits.t != times) | (hits.primitive != primitives)).sum())
+        wrong += int((caster.count_hits(origins, targets - origins) != counts).sum())
+    return MIX * max(cases // MIX, 1), wrong
+
+
 def run(cases, seed=2):
     total = brute = told = 0
     rng = np.random.default_rng(seed + 1000)
-    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "beams", "placements", *PATHS), 0)
+    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "beams", "placements", "mixes", *PATHS), 0)
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
         together = bundles(origins, directions, rng)
         answers = wrong_answers(caster.bvh.buffer, vertices, faces, span(origins[:BEAMS], directions[:BEAMS], rng))
@@ -150,6 +173,9 @@ def run(cases, seed=2):
                     wrong[name] += count
             total += len(o)
             brute += len(o[:BRUTE])
+    mixed, wrong["mixes"] = run_mixes(max(cases // 20, 2000), rng)
+    total += mixed
+    brute += mixed
     note = (
         ", ".join(f"{name} {count}" for name, count in wrong.items())
         + f"; {brute:,} by brute force, {told:,} beams told"

@@ -3,9 +3,10 @@
 For every binary node, ``cost[k]`` is the least SAH cost of its subtree as a forest of at most k wide nodes or leaves
 (Ylitie et al. 2017, section 4). The recurrence over k is eight lanes wide: one row of costs is one vector.
 
-Invariants: ``plan`` has a row (triangles, first record, choices, 0) for every binary node, in which choice k is bits
-4k..4k+3: for k = 1, 0 makes a leaf of the subtree and i makes a wide node whose children are at most i roots of the
-left and 8 - i of the right child; for k > 1, 0 means "as k - 1" and i splits the k roots into i and k - i.
+Invariants: ``plan`` has a row (triangles, first record, choices, 0) for every binary node; where its records do not lie
+side by side the first one is negative, and neither it nor a node above it becomes a leaf. Choice k is bits 4k..4k+3:
+for k = 1, 0 makes a leaf of the subtree and i makes a wide node whose children are at most i roots of the left and
+8 - i of the right child; for k > 1, 0 means "as k - 1" and i splits the k roots into i and k - i.
 """
 
 from typing import Any, Final
@@ -48,7 +49,7 @@ NODE_COST: Final = 1.0
 LEAF_COST: Final = 0.3
 CHUNK_COST: Final = 0.7
 CHUNK: Final = 4
-
+_SCATTERED: Final = -(2**30)  # a first record that no other records lie beside
 KIDS_BYTES: Final = 16 * (NODE_WIDTH + 1)
 _WALK_STACK_BYTES: Final = 8 * STACK_ENTRIES
 
@@ -119,7 +120,8 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         leaf = _float32(_INF)
         # a leaf holds neighbouring records; groups that were joined (`tracer.accel.clusters`) lie anywhere
         left_entry, right_entry = plan_base + child * PLAN_BYTES, plan_base + (child + 1) * PLAN_BYTES
-        beside = load(_int32, left_entry + 4) + load(_int32, left_entry) == load(_int32, right_entry + 4)
+        first = load(_int32, left_entry + 4)
+        beside = first + load(_int32, left_entry) == load(_int32, right_entry + 4)
         if count <= LEAF_TRIANGLES and beside:
             chunks = (count + CHUNK - 1) // CHUNK
             leaf = area * (_float32(LEAF_COST) + _float32(CHUNK_COST) * _float32(chunks))
@@ -141,7 +143,7 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         choice = select(lanes == splat(int32x8, 1), splat(int32x8, choice_single), choice)
         store(row, least)
         store(entry, _int32(count))
-        store(entry + 4, load(_int32, plan_base + child * PLAN_BYTES + 4))
+        store(entry + 4, first if beside else _int32(_SCATTERED))
         store(entry + 8, reduce_add(choice << (lanes << 2)))
 
 

@@ -26,7 +26,7 @@ Invariants
 
 from typing import Final
 
-VERSION: Final = 4  # of this layout and of what the builder decides; part of every cache key
+VERSION: Final = 5  # of this layout and of what the builder decides; part of every cache key
 MAGIC: Final = 0x31564842494C4D53  # "SMLIBHV1" as little-endian bytes
 
 UNIT: Final = 32  # bytes; child words have 28 bits for an offset, so a buffer holds 8 GiB
