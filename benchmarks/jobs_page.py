@@ -56,8 +56,8 @@ def process_lines(title: str, rows: list[dict[str, Any]]) -> list[str]:
             "answer_s": "POST to the end",
         }
         told = [f"{label} {row[name]:.3f}" for name, label in named.items() if name in row]
-        if "functions" in row:
-            told.append(f"{row['functions']} functions, image of {row['image_bytes'] / 1e3:.0f} kB")
+        if "image_bytes" in row:
+            told.append(f"image of {row['image_bytes'] / 1e3:.0f} kB")
         lines.append(f"| {row['what']} | {row['wall_s']:.2f} | {row['cpu_s']:.2f} | {', '.join(told)} |")
     return lines
 

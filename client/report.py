@@ -14,6 +14,7 @@ SKIPPED_NAMES: Mapping[str, str] = {
     "reflection_rays_skipped_shared": "mirrored rays that one beam spoke for",
     "shadow_rays_skipped_facing": "shadow rays to lights behind the surface",
     "shadow_rays_skipped_black": "shadow rays that could add nothing",
+    "shadow_rays_skipped_solid": "shadow rays through the inside of closed meshes",
     "shadow_rays_skipped_shared": "shadow rays that one beam spoke for",
     "bounces_skipped_depth": "bounces beyond the greatest depth",
     "bounces_skipped_throughput": "bounces too faint to see",

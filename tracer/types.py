@@ -4,7 +4,7 @@ Invariants
 ----------
 * Every field of :class:`CompiledScene` is a C-contiguous, writable-or-not numpy array of a fixed dtype and a fixed
   number of dimensions (``FIELDS``), present even when empty: so there is one specialisation of each kernel, and a
-  scene is saved as one file per field and memory-mapped again with the same numba type.
+  scene is saved as one file of arrays and memory-mapped again with the same numba type.
 * World space throughout, but for meshes that share a tree: these stay in their own space, and each *placement* of such
   a tree has an affine map to the world. Elsewhere transforms are baked into vertices. Shapes keep an affine map to
   their local space.
@@ -31,12 +31,12 @@ COUNTERS: Final[tuple[str, ...]] = (
     "shadow_rays",  # shadow rays traced
     "reflection_rays",  # rays traced along eq. 17, total internal reflection included
     "transmission_rays",  # rays traced along eq. 18
-    "primary_rays_skipped_shared",  # of these, not traced: one beam showed which face all of a wave meet
+    "primary_rays_skipped_shared",  # of these, not traced: one beam showed which face all of a square of pixels meet
     "reflection_rays_skipped_shared",  # the same of reflection rays, off a flat mirror
     "shadow_rays_skipped_facing",  # not traced: n.l <= 0
     "shadow_rays_skipped_black",  # not traced: the light adds nothing here (black, outside its cone, black kd and ks)
     "shadow_rays_skipped_solid",  # not traced: they pass through the inside of a closed opaque mesh
-    "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a wave are lit, or all are dark
+    "shadow_rays_skipped_shared",  # not traced: one beam showed that all of a square of pixels are lit, or all are dark
     "bounces_skipped_depth",  # not traced: integrator.max_depth
     "bounces_skipped_throughput",  # not traced: throughput below integrator.min_throughput
     "pixels_skipped_background",  # filled with the background: no primary ray of the pixel can meet the scene

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from client.report import print_report, skipped_rows, time_rows, work_rows
+from client.report import SKIPPED_NAMES, print_report, skipped_rows, time_rows, work_rows
 from client.terminal import Terminal
+from tracer.types import COUNTERS
 
 REPORT = {
     "seconds": {
@@ -60,6 +61,10 @@ def test_placements_are_told_where_there_are_several() -> None:
     rows = dict(work_rows({**REPORT, **shared}))
     assert rows["placements"] == "65 of 2 trees"
     assert rows["compiled scene"] == "600 kB; shared meshes save 37.7 MB"
+
+
+def test_all_that_is_skipped_has_a_name() -> None:
+    assert set(SKIPPED_NAMES) == {name for name in COUNTERS if "_skipped_" in name}
 
 
 def test_skipped_work_that_never_occurred_is_left_out() -> None:

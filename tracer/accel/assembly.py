@@ -181,7 +181,7 @@ class _Assembly:
                     return  # who builds the last ones writes them
             nodes, costs, plan = scratch
             if offset:
-                _emit_subtree(nodes, plan, records, mesh.vertices, mesh.faces, 0, self.buffer, offset, wide)
+                _emit_subtree(nodes, plan, records, mesh.vertices, mesh.faces, self.buffer, offset, wide)
                 with self.lock:
                     self.scratch.append(scratch)
                 continue

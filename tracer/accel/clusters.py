@@ -19,7 +19,6 @@ from tracer.simd import address_of, float32x8, load, minimum, store
 from tracer.simd.gateway import types
 
 _int32: Final = types.int32
-_int64: Final = types.int64
 _INF: Final = float("inf")
 _DEPTH: Final = 28  # MAX_DEPTH less what 2**31 records need below
 

@@ -11,18 +11,16 @@ for k = 1, 0 makes a leaf of the subtree and i makes a wide node whose children 
 
 from typing import Any, Final
 
-from tracer.accel.binary import RECORD_BYTES
+from tracer.accel.binary import RECORD_BYTES, half_area
 from tracer.accel.layout import LEAF_TRIANGLES, NODE_BYTES, NODE_WIDTH, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.simd import (
     address_of,
     count_trailing_zeros,
-    extract,
     float32x8,
     int32x8,
     iota,
     load,
-    lower_half,
     mask_to_bits,
     minimum,
     permute,
@@ -32,7 +30,6 @@ from tracer.simd import (
     splat,
     stack_memory,
     store,
-    upper_half,
 )
 from tracer.simd.gateway import types
 
@@ -55,13 +52,9 @@ _WALK_STACK_BYTES: Final = 8 * STACK_ENTRIES
 
 
 @inline
-def _half_area(node: int) -> Any:
-    box = load(float32x8, node)
-    extent = -(lower_half(box) + upper_half(box))
-    x = extract(extent, 0)
-    y = extract(extent, 1)
-    z = extract(extent, 2)
-    return x * (y + z) + y * z
+def _leaf_cost(area: float, count: int) -> Any:
+    chunks = (count + CHUNK - 1) // CHUNK
+    return area * (_float32(LEAF_COST) + _float32(CHUNK_COST) * _float32(chunks))
 
 
 @inline
@@ -98,12 +91,10 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         count = load(_int32, node + 28)
         if count < 0:
             continue
-        area = _half_area(node)
+        area = half_area(load(float32x8, node))
         child = _int64(load(_int32, node + 12))
         if count > 0:
-            chunks = (count + CHUNK - 1) // CHUNK
-            cost = area * (_float32(LEAF_COST) + _float32(CHUNK_COST) * _float32(chunks))
-            store(row, select(lanes > none, splat(float32x8, cost), infinite))
+            store(row, select(lanes > none, splat(float32x8, _leaf_cost(area, count)), infinite))
             store(entry, _int32(count))
             store(entry + 4, _int32(child))
             store(entry + 8, _int32(0))
@@ -111,7 +102,8 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         left = cost_base + child * RECORD_BYTES
         left_row = load(float32x8, left)
         right_row = load(float32x8, left + RECORD_BYTES)
-        count = load(_int32, plan_base + child * PLAN_BYTES) + load(_int32, plan_base + (child + 1) * PLAN_BYTES)
+        left_entry, right_entry = plan_base + child * PLAN_BYTES, plan_base + (child + 1) * PLAN_BYTES
+        count = load(_int32, left_entry) + load(_int32, right_entry)
         # a wide node of 8 roots: i from the left, 8 - i from the right (lane 0 is infinite)
         together = left_row + permute(right_row, mirrored)
         inner = reduce_min(together)
@@ -119,12 +111,10 @@ def plan_nodes(nodes: Any, n_nodes: int, costs: Any, plan: Any) -> None:
         inner = inner + area * _float32(NODE_COST)
         leaf = _float32(_INF)
         # a leaf holds neighbouring records; groups that were joined (`tracer.accel.clusters`) lie anywhere
-        left_entry, right_entry = plan_base + child * PLAN_BYTES, plan_base + (child + 1) * PLAN_BYTES
         first = load(_int32, left_entry + 4)
         beside = first + load(_int32, left_entry) == load(_int32, right_entry + 4)
         if count <= LEAF_TRIANGLES and beside:
-            chunks = (count + CHUNK - 1) // CHUNK
-            leaf = area * (_float32(LEAF_COST) + _float32(CHUNK_COST) * _float32(chunks))
+            leaf = _leaf_cost(area, count)
         single = min(leaf, inner)
         choice_single = _int32(split) if inner < leaf else _int32(0)
         best = infinite
@@ -205,14 +195,14 @@ def gather_children(nodes: int, plan: int, node: int, kids: int, stack: int) -> 
 
 
 @kernel
-def measure(nodes: Any, plan: Any, root: int, value_bytes: int) -> Any:
-    """Return (bytes, wide nodes, depth) of the wide subtree of a chosen inner root."""
+def measure(nodes: Any, plan: Any, value_bytes: int) -> Any:
+    """Return (bytes, wide nodes, depth) of the wide tree whose root is the binary one's."""
     node_base = address_of(nodes)
     plan_base = address_of(plan)
     kids = stack_memory(KIDS_BYTES)
     forest = stack_memory(KIDS_BYTES)
     stack = stack_memory(_WALK_STACK_BYTES)
-    store(stack, _int64(root) << 8 | 1)
+    store(stack, _int64(1))
     top = stack + 8
     size = 0
     n_nodes = 0

@@ -25,8 +25,8 @@ ORDER_BITS: Final = layout.ORDER_BITS
 _SCRATCH_BYTES: Final = 2 * KIDS_BYTES
 _WALK_STACK_BYTES: Final = 16 * STACK_ENTRIES
 
-# The orders that three vertices can be sorted into, numbered: order p puts given vertex 1 at _PLACE_1 >> 2p & 3
-# and given vertex 2 at _PLACE_2 >> 2p & 3.
+# The orders that three vertices can be sorted into, numbered: order p puts given vertex 1 at PLACE_1 >> 2p & 3
+# and given vertex 2 at PLACE_2 >> 2p & 3.
 ORDERS: Final = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
 PLACE_1: Final = sum(order.index(1) << 2 * p for p, order in enumerate(ORDERS))
 PLACE_2: Final = sum(order.index(2) << 2 * p for p, order in enumerate(ORDERS))
@@ -239,9 +239,9 @@ def emit_single_leaf(
 
 @kernel
 def emit_subtree(
-    nodes: Any, plan: Any, records: Any, vertices: Any, faces: Any, root: int, buffer: Any, offset: int, wide: int
-) -> int:
-    """Write the wide subtree of a chosen inner root; returns the offset behind it.
+    nodes: Any, plan: Any, records: Any, vertices: Any, faces: Any, buffer: Any, offset: int, wide: int
+) -> None:
+    """Write the wide tree whose root is the binary one's.
 
     Parameters
     ----------
@@ -249,8 +249,6 @@ def emit_subtree(
         The binary tree as float32 (m, 8), its plan as int32 (m, 4), the records as float32 (n, 8).
     vertices, faces
         (nv, 3) float32 or float64; (nf, 3) integers.
-    root
-        Binary node.
     buffer
         int64 words.
     offset
@@ -264,7 +262,7 @@ def emit_subtree(
     base = address_of(buffer)
     scratch = stack_memory(_SCRATCH_BYTES)
     stack = stack_memory(_WALK_STACK_BYTES)
-    store(stack, _int64(root))
+    store(stack, _int64(0))
     store(stack + 8, _int64(0))  # the root's word is the caller's to write
     top = stack + 16
     while top > stack:
@@ -277,4 +275,3 @@ def emit_subtree(
             node_base, plan_base, record_base, vertices, faces, index, base, offset, wide, scratch, top
         )
         top += 16 * n_inner
-    return offset

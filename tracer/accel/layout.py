@@ -57,7 +57,6 @@ HEADER_DEPTH: Final = 5  # nodes on the longest way down
 HEADER_WIDE_LEAVES: Final = 6  # 1: leaf rows are float64
 
 # float64 words of the header
-FRAME: Final = 8  # first word
 FRAME_CENTRE: Final = 8  # 8..10, world
 FRAME_SCALE: Final = 11
 FRAME_HALF: Final = 12  # 12..14: half extents in the frame, rounded up

@@ -16,7 +16,7 @@ LARGE: Final = 20_000  # triangles from which on there is more than one subtree
 _MANY: Final = 2**19  # triangles from which on the grid is a fine one
 _SUBTREES: Final = 64  # of a large mesh, about
 _COARSE_CELLS: Final = 512  # `tracer.accel.cells.COARSE_CELLS`; that module needs a compiler
-_IN_CACHE: Final = 16384  # records of a subtree at most, and of the grid's groups mostly
+_IN_CACHE: Final = 16384  # records of the grid's groups, mostly
 
 Run = Callable[..., Iterable[Any]]
 

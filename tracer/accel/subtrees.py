@@ -47,4 +47,4 @@ def build_subtree(
     store(node + 28, _int32(end - start))
     n_nodes, _ = build_binary(records, nodes, 0, depth, bounds[1], 1, STOP, np.empty((0, 2), np.int64))
     plan_nodes(nodes, n_nodes, costs, plan)
-    return measure(nodes, plan, 0, value_bytes)
+    return measure(nodes, plan, value_bytes)

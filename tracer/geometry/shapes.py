@@ -23,7 +23,6 @@ from tracer.types import (
     Vec3,
 )
 
-_GAMMA_7: Final = gamma(7)
 _GAMMA_8: Final = gamma(8)
 _GAMMA_16: Final = gamma(16)
 

@@ -85,7 +85,6 @@ from tracer.types import (
     SceneView,
 )
 
-_float64: Final = types.float64
 _int64: Final = types.int64
 
 _REFLECTION_RAYS: Final = COUNTERS.index("reflection_rays")

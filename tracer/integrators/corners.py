@@ -226,10 +226,11 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
     error = _largest_error(scratch.hits)
     store(scratch.shadows + LIGHT, error * splat(VECTOR, _PER_ERROR))
     for solid in range(view.n_solids):  # what is within is convex, and the four rays are a hull's corners
-        i = N_SOLID * solid + SOLID_BALL
-        widest = splat(VECTOR, largest(at(view.solids, i)))
+        if not may_hide(view, solid, light):
+            continue
+        widest = splat(VECTOR, largest(at(view.solids, N_SOLID * solid + SOLID_BALL)))
         hidden = pass_through(view, solid, light, vector_at(scratch.shadows + ORIGIN))
-        if may_hide(view, solid, light) and all_lanes(hidden & (error * widest < splat(VECTOR, _SMALL))):
+        if all_lanes(hidden & (error * widest < splat(VECTOR, _SMALL))):
             return -1
     if not _goes_one_way(scratch.shadows):
         return 0

@@ -21,6 +21,7 @@ from tracer.integrators.sums import SUMS, add_everywhere, add_shares
 from tracer.jit import inline, int64, kernel
 from tracer.rays.rows import PACKET, ROW, STEP, VECTOR
 from tracer.shading.direct import attenuate, find_highlight
+from tracer.shading.phong import reflect_direction
 from tracer.shading.rows import spread
 from tracer.shading.surfaces import face_normals
 from tracer.simd import absolute, load, maximum, minimum, splat, sqrt, stack_memory, stand_alone, store
@@ -118,11 +119,6 @@ def camera_pencil(camera: Any, width: int, height: int) -> Pencil:
     )
 
 
-@inline
-def _turn_back(d: Vec3, n: Vec3) -> Vec3:
-    return subtract(d, scale(n, 2.0 * dot(d, n)))
-
-
 @kernel
 def _mirror(view: SceneView, pencil: Pencil, face: int) -> Pencil:
     """Rays that a flat face mirrors, as they come from the eye behind it."""
@@ -130,10 +126,10 @@ def _mirror(view: SceneView, pencil: Pencil, face: int) -> Pencil:
     p0 = at(view.vertex_positions, i0)
     n = normalize(cross(subtract(at(view.vertex_positions, i1), p0), subtract(at(view.vertex_positions, i2), p0)))
     return Pencil(
-        add(p0, _turn_back(subtract(pencil.origin, p0), n)),
-        _turn_back(pencil.start, n),
-        _turn_back(pencil.across, n),
-        _turn_back(pencil.down, n),
+        add(p0, reflect_direction(subtract(pencil.origin, p0), n)),
+        reflect_direction(pencil.start, n),
+        reflect_direction(pencil.across, n),
+        reflect_direction(pencil.down, n),
     )
 
 

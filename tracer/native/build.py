@@ -19,9 +19,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from llvmlite import binding, ir
 
-from tracer.native.entries import ENTRIES
+from tracer.native.entries import ENTRIES, numba_kernel
 from tracer.native.frontend import for_linking
 from tracer.native.image import door_name, save_image
 from tracer.native.link import link
@@ -30,7 +31,6 @@ import_module("tracer.jit")  # before numba: it says where numba keeps its own c
 numba: Final[Any] = import_module("numba")
 _types: Final[Any] = import_module("numba.core.types")
 _arrays: Final[Any] = import_module("numba.np.arrayobj")
-_cgutils: Final[Any] = import_module("numba.core.cgutils")
 _word: Final = ir.IntType(64)
 _words: Final = ir.PointerType(_word)
 _status: Final = ir.IntType(32)
@@ -89,14 +89,13 @@ def _numba_type(kind: Any) -> Any:
         scene = import_module("tracer.types").CompiledScene
         return _types.NamedTuple([_numba_type(field) for field in expand(kind)], scene)
     dtype, _, n_dimensions = kind.partition(":")
-    return _types.Array(numba.from_dtype(numba.np.numpy_support.np.dtype(dtype)), int(n_dimensions), "C")
+    return _types.Array(numba.from_dtype(np.dtype(dtype)), int(n_dimensions), "C")
 
 
 def expand(kind: str) -> str | list[str]:
     """Return a kind of argument with tuples written out."""
     if kind != "scene":
         return kind
-    np = import_module("numpy")
     fields = import_module("tracer.types").FIELDS
     return [f"{np.dtype(dtype).str[1:]}:{len(shape)}" for dtype, shape in fields.values()]
 
@@ -157,8 +156,7 @@ def _add_door(context: Any, module: Any, name: str, compiled: Any) -> tuple[list
 
 def compile_kernel(name: str, kinds: tuple[str, ...]) -> Any:
     """Compile a kernel for arguments of some kinds, or load it from numba's cache."""
-    module, _, function = name.rpartition(".")
-    dispatcher = getattr(import_module(module), function)
+    dispatcher: Any = numba_kernel(name)
     arguments = tuple(_numba_type(kind) for kind in kinds)
     dispatcher.compile(arguments)
     return dispatcher.overloads[arguments]

@@ -33,7 +33,7 @@ ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "tracer.accel.subtrees.build_subtree": ("f4:2", "i", "i", "i", "f4:2", "f4:2", "i4:2", "i"),
     "tracer.accel.emit.emit_single_leaf": ("f4:2", "f4:2", "i", "f8:2", "i4:2", "i8:1", "i", "i"),
     "tracer.accel.emit.emit_node": ("f4:2", "i4:2", "f4:2", "f8:2", "i4:2", "i", "i8:1", "i", "i", "i8:2"),
-    "tracer.accel.emit.emit_subtree": ("f4:2", "i4:2", "f4:2", "f8:2", "i4:2", "i", "i8:1", "i", "i"),
+    "tracer.accel.emit.emit_subtree": ("f4:2", "i4:2", "f4:2", "f8:2", "i4:2", "i8:1", "i", "i"),
     "tracer.accel.binned.build_tree": ("f8:2", "i", "f8:2", "i4:2", "i4:1"),
     "tracer.render.inside.hash_places": ("f8:2", "u8:2", "u8:1"),
     "tracer.render.inside.is_closed": ("i4:2", "u8:1"),

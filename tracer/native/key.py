@@ -35,7 +35,11 @@ _KERNEL_SOURCES: Final = (
     "render/contrast.py",
 )
 _IMAGE_SOURCES: Final = (
-    *("native/build.py", "native/frontend.py", "native/entries.py", "native/image.py", "native/link.py"),
+    "native/build.py",
+    "native/frontend.py",
+    "native/entries.py",
+    "native/image.py",
+    "native/link.py",
 )
 _CPU_FIELDS: Final = frozenset(
     {"vendor_id", "cpu family", "model", "model name", "stepping", "flags"}  # x86

@@ -26,7 +26,6 @@ from tracer.simd import (
 )
 from tracer.simd.gateway import types
 
-_float64: Final = types.float64
 _int64: Final = types.int64
 
 PACKET: Final = 64  # rays

@@ -13,9 +13,7 @@ from typing import Any, Final
 from tracer.jit import kernel
 from tracer.rays.tile_beam import BEAM_BYTES, draw_lines, pad_of, survey_tile
 from tracer.simd import stand_alone
-from tracer.simd.gateway import types
 
-_int64: Final = types.int64
 GROUPS_BYTES: Final = BEAM_BYTES  # the groups' lines
 EVERY_GROUP: Final = 0xFFFF
 _LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off

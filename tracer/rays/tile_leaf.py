@@ -50,7 +50,6 @@ from tracer.simd import (
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
-_float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 

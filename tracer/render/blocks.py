@@ -66,15 +66,12 @@ from tracer.types import (
     Vec3,
 )
 
-_float64: Final = types.float64
-_int32: Final = types.int32
 _int64: Final = types.int64
 _SAMPLES: Final = COUNTERS.index("samples")
 _PRIMARY_RAYS: Final = COUNTERS.index("primary_rays")
 _PIXELS_SKIPPED: Final = COUNTERS.index("pixels_skipped_background")
 _BLOCK_PIXELS: Final = BLOCK_PX * BLOCK_PX
 _SQUARE: Final = 16  # pixels of the Z curve that make a square of 4 x 4
-_HALF: Final = 3 * _BLOCK_PIXELS  # numbers of one half of a block's sums
 _PLACE_BYTES: Final = 2 * ROW
 _ORDER_BYTES: Final = 8 * PACKET
 
@@ -285,11 +282,14 @@ def _render(
         )
         n_pixels = 0
         empty = block_empty
+        known = int64(-1)  # what is known of the pixel's square; not asked
         start_survey(survey)
         for code in range(_BLOCK_PIXELS):
             px, py = x0 + _even_bits(code), y0 + _even_bits(code >> 1)
-            if may_skip and not block_empty and code % _SQUARE == 0:  # the next 4 x 4 pixels
-                empty = misses_bounds(view.camera, kind, px, py, px + 4, py + 4, width, height, view.bvh_root)
+            if code % _SQUARE == 0:  # the next 4 x 4 pixels
+                known = int64(-1)
+                if may_skip and not block_empty:
+                    empty = misses_bounds(view.camera, kind, px, py, px + 4, py + 4, width, height, view.bvh_root)
             if px < crop_x or px >= crop_end_x or py < crop_y or py >= crop_end_y:
                 continue
             counters[_SAMPLES] += n_taken
@@ -303,7 +303,9 @@ def _render(
             wave_pixels[n_pixels, 0] = px
             wave_pixels[n_pixels, 1] = py
             wave_pixels[n_pixels, 2] = int64(pixel_key(settings[SETTING_SEED], px, py, 0))
-            wave_pixels[n_pixels, 3] = survey_square(view, ambient, scratch, survey, int64(code // _SQUARE), x0, y0)
+            if known < 0:
+                known = survey_square(view, ambient, scratch, survey, int64(code // _SQUARE), x0, y0)
+            wave_pixels[n_pixels, 3] = known
             n_pixels += 1
         wave_sums[:] = 0.0
         together = max(1, WAVE // n_taken)

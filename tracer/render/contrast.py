@@ -20,7 +20,7 @@ def measure_contrast(
     height: int,
     n_samples: int,
     contrasts: NDArray[np.float64],
-) -> bool:
+) -> None:
     """Find the root of the mean squared difference of neighbouring pixels, in all channels, of each block.
 
     Parameters
@@ -35,11 +35,6 @@ def measure_contrast(
         Of both halves.
     contrasts : float64 (n,)
         Written: linear radiance; 0 of a single pixel.
-
-    Returns
-    -------
-    bool
-        True.
     """
     for block in range(sums.shape[0]):
         columns = min(BLOCK_PX, width - BLOCK_PX * int64(blocks[block, 0]))
@@ -61,11 +56,10 @@ def measure_contrast(
             if n_pairs > 0:
                 mean_square += (red + green + blue) / (3.0 * n_pairs)
         contrasts[block] = math.sqrt(mean_square) / n_samples
-    return True
 
 
 @kernel
-def scale_sums(sums: NDArray[np.float64], chosen: NDArray[np.int64], factor: float) -> bool:
+def scale_sums(sums: NDArray[np.float64], chosen: NDArray[np.int64], factor: float) -> None:
     """Multiply the sums of some blocks.
 
     Parameters
@@ -76,11 +70,6 @@ def scale_sums(sums: NDArray[np.float64], chosen: NDArray[np.int64], factor: flo
         Which blocks.
     factor
         By what.
-
-    Returns
-    -------
-    bool
-        True.
     """
     for k in range(chosen.shape[0]):
         block = sums[chosen[k]]
@@ -89,4 +78,3 @@ def scale_sums(sums: NDArray[np.float64], chosen: NDArray[np.int64], factor: flo
                 for x in range(BLOCK_PX):
                     for channel in range(3):
                         block[half, y, x, channel] *= factor
-    return True

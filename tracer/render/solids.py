@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.accel.top import bounds_of
 from tracer.native.entries import entry
 from tracer.types import N_SOLID
 
@@ -47,8 +48,7 @@ def find_solid(positions: NDArray[np.float64], faces: NDArray[np.int32]) -> NDAr
     _hash_places(positions, (positions + 0.0).view(np.uint64), hashes)
     if not _is_closed(faces, hashes):
         return None
-    used = positions[faces.reshape(-1)] if len(positions) > 3 * len(faces) else positions
-    low, high = used.min(axis=0), used.max(axis=0)
+    low, high = bounds_of(positions, faces).reshape(2, 3)
     half = 0.5 * high - 0.5 * low
     middle = low + half
     if not (half > 2.0**-30 * np.abs(middle).max()).all() or not np.isfinite(1.0 / half).all():

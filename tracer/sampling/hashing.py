@@ -14,7 +14,6 @@ import numpy as np
 from tracer.jit import inline
 
 MASK: Final = np.uint64(0xFFFFFFFF)
-_ONE: Final = np.uint64(1)
 _M1: Final = np.uint64(0xED5AD4BB)
 _M2: Final = np.uint64(0xAC4C1B51)
 _M3: Final = np.uint64(0x31848BAB)

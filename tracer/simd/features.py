@@ -6,11 +6,9 @@ assembly tell. So a target set by ``NUMBA_CPU_NAME`` is treated as itself, and a
 """
 
 import functools
-from typing import Any, Final
+from typing import Any
 
 from llvmlite import binding, ir
-
-_LANES: Final = 8
 
 
 def _probe_module(triple: str, layout: str) -> Any:
