@@ -98,7 +98,8 @@ def write_page(result: dict[str, Any], folder: Path) -> None:
     """Write rays.md, and the plots where rays were measured."""
     rows = result["rows"]
     lines = ["# Rays", "", "`make bench-rays`; `benchmarks/rays.py` says what is measured and how.", ""]
-    lines += [f"{result['rays']:,} rays a batch, medians of {result['repeats']}; embreex {result['embreex']}.", ""]
+    turns = f"medians of the {result['repeats']} quietest turns"
+    lines += [f"{result['rays']:,} rays a batch, {turns}; embreex {result['embreex']}.", ""]
     lines += summary_lines(rows)
     if any(row["work"] in KINDS for row in rows):
         lines += ray_lines(rows)
