@@ -150,6 +150,13 @@ MUTANTS = [
         "on_the_way = True",
     ),
     Mutant(
+        "eye-on-the-plane",
+        "tests/tracer/integrators/test_integrators_corners.py::test_an_eye_on_the_face",
+        "rays/packet_corners.py",
+        "if within and all_lanes(size_of > weighted_off) else UNSURE",
+        "if within else UNSURE",
+    ),
+    Mutant(
         "mirror-of-any-normal",  # what a tilted normal mirrors does not come from one point
         "tests/tracer/integrators/test_integrators_corners.py::test_a_mirror_with_a_normal_of_its_own_is_asked_ray_by_ray",
         "integrators/corners.py",

@@ -100,7 +100,8 @@ def judge_triangle(place: int, size: int, row: int, packet: int, axes: Any, kind
         off = weighted_off + end * total_off + clear * size_of
         if all_lanes((size_of > weighted_off) & (over > off)):
             return _int64(APART)
-        return _int64(ACROSS if within else UNSURE)
+        # where the point lies on the triangle's plane, rounding decides whether a ray meets it
+        return _int64(ACROSS if within and all_lanes(size_of > weighted_off) else UNSURE)
     if kind == ENDING:
         past = weighted - total
         off = weighted_off + total_off + clear * total

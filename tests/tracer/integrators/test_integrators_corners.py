@@ -246,6 +246,20 @@ def test_a_mirror_with_a_normal_of_its_own_is_asked_ray_by_ray():
     assert counters["reflection_rays_skipped_shared"] == 0
 
 
+def test_an_eye_on_the_face():
+    """Rounding decides which rays meet a face that the eye lies on, be it at distance 0: nothing tells for all of them."""
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        corners = rng.uniform(-1, 1, (4, 3))
+        eye = corners[:3].mean(0)
+        scene = build(
+            quads=[(corners, material(ke=0.4))],
+            settings=settings(width=64, height=64, samples=4),
+            camera=[*eye, *NARROW[3:]],
+        )
+        both(scene)
+
+
 def test_a_floor_that_goes_on_behind_does_not_count():
     """The floor's box and outline hold the beam; where the beam meets its plane is behind the panel."""
     floor = [[-400, -1, 90], [400, -1, 90], [0, -1, -900], [-400, -1, -900]]
