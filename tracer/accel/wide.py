@@ -76,7 +76,8 @@ def load_wide(path: Path) -> WideBvh:
     Raises
     ------
     BvhError
-        The file is not such a tree, of another version, or cut short.
+        The file is not such a tree, of another version, or cut short. What is in it is not looked at: rays need a tree
+        that :meth:`WideBvh.save` wrote.
     """
     try:
         buffer = np.memmap(path, np.int64, "c")
