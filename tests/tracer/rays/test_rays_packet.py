@@ -121,6 +121,19 @@ def test_from_far_away():
         check(tree_of(vertices, faces), vertices, faces, origins, directions, wide=wide)
 
 
+def test_specks():
+    """Triangles smaller than float32 resolves, in boxes of their own; all rays of a beam go the same way."""
+    rng = np.random.default_rng(46)
+    n = 3000
+    vertices = (rng.uniform(-1, 1, (n, 1, 3)) + rng.uniform(-1e-9, 1e-9, (n, 3, 3))).reshape(-1, 3)
+    faces = np.arange(3 * n, dtype=np.int32).reshape(-1, 3)
+    origins = np.repeat(rng.uniform(-1, 1, (n, 3)), 2, 0)
+    directions = unit(np.repeat(vertices.reshape(-1, 3, 3).mean(1), 2, 0) - origins)
+    for wide in (False, True):
+        found = check(tree_of(vertices, faces), vertices, faces, origins, directions, wide=wide, size=2)
+        assert (found.primitive >= 0).mean() > 0.9
+
+
 def test_from_where_float64_does_not_resolve_the_mesh():
     vertices, faces = sphere(8, 8)
     rng = np.random.default_rng(46)
