@@ -68,7 +68,11 @@ MUTANTS = [
         "        fma(-sx, az, ax - ox),\n",
     ),
     Mutant(
-        "leaf-of-strangers", "N2", "accel/collapse.py", "count <= LEAF_TRIANGLES and beside", "count <= LEAF_TRIANGLES"
+        "leaf-of-strangers",
+        "tests/tracer/accel/test_wide.py::test_mixes_of_fine_and_coarse_meshes",
+        "accel/collapse.py",
+        "first if beside else _int32(_SCATTERED)",
+        "first",
     ),
     Mutant(
         "edge-lost-in-packets",  # < becomes <=

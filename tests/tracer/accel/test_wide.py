@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.numerics.closed_meshes import mix
 from tracer.accel import layout
 from tracer.accel.emit import ORDER_BITS, ORDERS
 from tracer.accel.wide import BvhError, build_wide, geometry_key, load_wide
@@ -80,6 +81,15 @@ def test_structure(n, dtype):
     check(tree, vertices, faces)
     if n > 50:
         assert tree.n_bytes < 100 * len(faces)
+
+
+def test_mixes_of_fine_and_coarse_meshes():
+    """Groups of very different size, joined at the top: no triangle is lost there, and none stands in two leaves."""
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        vertices, faces = mix(rng)
+        ids = np.concatenate([ids for _, ids, *_ in walk(build_wide(vertices, faces))])
+        np.testing.assert_array_equal(np.sort(ids), np.arange(len(faces)))
 
 
 def test_float64_vertices_that_float32_holds_take_little_room():
