@@ -1,6 +1,7 @@
 """N2: every path gives the same primitive and, bit for bit, the same t, u and v; brute force on a part of them.
 
-The paths: single rays, many in flight, tiles of 64 as they come in a batch, the renderer's packets, and placements. Rays
+The paths: single rays, many in flight, tiles of 64 as they come in a batch, few triangles without a tree, the renderer's
+packets, and placements. Rays
 as they come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a
 time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at, or all of them
 a little beside it. What four rays tell of all between them is held against brute force, too (:mod:`beams`). A
@@ -18,6 +19,8 @@ from row import Row
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.placements import place, random_turn, rows_of
 from tracer.rays import RayCaster
+from tracer.rays.brute import trace_brute
+from tracer.rays.brute_table import FEW, tabulate
 from tracer.rays.caster import Hits, checked_rays
 from tracer.rays.coherent import trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST
@@ -30,6 +33,9 @@ TOGETHER = 4  # rays a batch that 63 others go along with, some of them a little
 NARROW = 12  # rays a batch that 63 others go along with all the way
 BEAMS = 24  # a batch
 MIX = 200  # rays a mix of fine and coarse meshes
+BOX = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+BOX_FACES = np.array([face for a, b, c, d in _QUADS for face in ((a, b, c), (a, c, d))])
 PATHS = {
     "stream": (trace_stream, ()),
     "tiles in a row": (trace_coherent, (0,)),
@@ -77,7 +83,11 @@ def differing(caster, rays):
     """Return how many rays each path answers otherwise than single rays."""
     alone = answers(trace_single, caster, rays)
     wrong = {}
-    for name, (path, more) in PATHS.items():
+    paths = dict(PATHS)
+    if caster.bvh.n_triangles <= FEW:
+        table = tabulate(caster.bvh)
+        paths["without a tree"] = (trace_brute, (table.ctypes.data,))
+    for name, (path, more) in paths.items():
         apart = np.zeros(rays.n, bool)
         for one, other in zip(alone, answers(path, caster, rays, *more), strict=True):
             apart |= one != other
@@ -150,10 +160,57 @@ def run_mixes(cases, rng):
     return MIX * max(cases // MIX, 1), wrong
 
 
+def handful(rng):
+    """A mesh of 1 to `FEW` triangles: boxes, tilted and flat ones, loose triangles, slivers, points, copies, all near 1."""
+    parts = []
+    for _ in range(int(rng.integers(1, 5))):
+        axes = random_turn(rng) if rng.random() < 0.5 else np.eye(3)
+        corners = BOX * (2.0 ** rng.choice([-30, -12, -3, 0, 0, 0], 3)) @ axes + rng.normal(size=3) * 0.3
+        parts.append(corners[BOX_FACES].reshape(-1, 9))
+    loose = rng.normal(size=(8, 3, 3))
+    loose[:3, 2] = (loose[:3, 0] + loose[:3, 1]) * 0.5 + loose[:3, 2] * 2.0 ** rng.choice([-60, -45, -26, -20], (3, 1))
+    loose[3, 1:] = loose[3, 0]
+    triangles = np.concatenate([*parts, loose.reshape(-1, 9)])
+    triangles = np.concatenate([triangles, triangles[rng.integers(0, len(triangles), 3)]]).reshape(-1, 3, 3)
+    nudged = rng.random(triangles.shape) < 0.1
+    triangles[nudged] += rng.choice([-1.0, 1.0], nudged.sum()) * 2.0 ** rng.choice([-52, -30, -26, -22], nudged.sum())
+    triangles = triangles[rng.permutation(len(triangles))][: int(rng.integers(1, FEW + 1))]
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+
+
+def run_handfuls(cases, rng):
+    """Rays at corners, edges and faces of meshes of few triangles: how many, and how many wrong answers."""
+    wrong = 0
+    for _ in range(max(cases // MIX, 1)):
+        vertices, faces = handful(rng)
+        scale, shift = 2.0 ** rng.choice([-100, 0, 0, 30]), rng.choice([0.0, 0.0, 1.0, 1e6]) * rng.normal(size=3)
+        vertices = (vertices + shift) * scale
+        if rng.random() < 0.5 and 1e-20 < scale < 1e20:
+            vertices = vertices.astype(np.float32).astype(np.float64)
+        a, b, c = vertices[faces[rng.integers(0, len(faces), MIX)]].transpose(1, 0, 2)
+        weights = rng.choice([0.0, 0.0, 0.5, 1.0], (MIX, 1)), rng.choice([0.0, 1e-9, 0.3], (MIX, 1))
+        targets = a + (b - a) * weights[0] + (c - a) * weights[1]
+        origins = (rng.normal(size=(MIX, 3)) * rng.choice([0.1, 0.8, 1.5, 100.0], (MIX, 1)) + shift) * scale
+        on_face = rng.random(MIX) < 0.2
+        origins[on_face] = vertices[faces[rng.integers(0, len(faces), MIX)]].mean(1)[on_face]
+        directions = targets - origins
+        keep = np.abs(directions).max(1) > 0
+        origins, directions = origins[keep], directions[keep]
+        caster = RayCaster(vertices, faces)
+        times, primitives, _counts = by_brute_force(vertices, faces, origins, directions)
+        alone = answers(trace_single, caster, checked_rays(origins, directions, 0.0, np.inf))
+        wrong += int(((alone[0] != times) | (alone[1] != primitives)).sum())
+        for rays in (checked_rays(origins, directions, 0.0, np.inf), with_limits(origins, directions, times, rng)):
+            wrong += differing(caster, rays)["without a tree"]
+    return MIX * max(cases // MIX, 1), wrong
+
+
 def run(cases, seed=2):
     total = brute = told = 0
     rng = np.random.default_rng(seed + 1000)
-    wrong = dict.fromkeys(("caster", "packet", "any-hit in packets", "beams", "placements", "mixes", *PATHS), 0)
+    wrong = dict.fromkeys(
+        ("caster", "packet", "any-hit in packets", "beams", "placements", "mixes", "handfuls", *PATHS), 0
+    )
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
         together = bundles(origins, directions, rng)
         answers = wrong_answers(caster.bvh.buffer, vertices, faces, span(origins[:BEAMS], directions[:BEAMS], rng))
@@ -170,12 +227,13 @@ def run(cases, seed=2):
             wrong["caster"] += int(differs.sum())
             for rays in (checked_rays(o, d, 0.0, np.inf), with_limits(o, d, hits.t, rng)):
                 for name, count in differing(caster, rays).items():
-                    wrong[name] += count
+                    wrong[name] = wrong.get(name, 0) + count
             total += len(o)
             brute += len(o[:BRUTE])
     mixed, wrong["mixes"] = run_mixes(max(cases // 20, 2000), rng)
-    total += mixed
-    brute += mixed
+    few, wrong["handfuls"] = run_handfuls(max(cases // 20, 10_000), rng)
+    total += mixed + few
+    brute += mixed + few
     note = (
         ", ".join(f"{name} {count}" for name, count in wrong.items())
         + f"; {brute:,} by brute force, {told:,} beams told"

@@ -10,12 +10,15 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tracer.accel.wide import WideBvh, build_wide
+from tracer.rays.brute import trace_brute
+from tracer.rays.brute_table import FEW, tabulate
 from tracer.rays.coherent import SIDE, trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
 from tracer.rays.neighbours import go_together, row_length
@@ -137,6 +140,11 @@ class RayCaster:
         self.bvh = bvh
         self._spare: list[NDArray[np.uint8]] = []
 
+    @cached_property
+    def few_triangles(self) -> NDArray[np.float64]:
+        """The table of a mesh of at most `FEW` triangles: :mod:`tracer.rays.brute_table`."""
+        return tabulate(self.bvh)
+
     def closest_hit(
         self,
         origins: ArrayLike,
@@ -220,7 +228,7 @@ class RayCaster:
 
     def _run(self, mode: int, rays: Rays, hits: Hits, threads: int) -> None:
         """Answer all rays, in chunks on several threads; each writes its own rows."""
-        path, chunk, more = choose_path(mode, rays, self.bvh)
+        path, chunk, more = choose_path(mode, rays, self)
         packed = rays.packed
 
         def run(start: int, end: int) -> None:
@@ -233,7 +241,7 @@ class RayCaster:
             list(pool.map(lambda start: run(start, min(start + chunk, rays.n)), range(0, rays.n, chunk)))
 
 
-def choose_path(mode: int, rays: Rays, bvh: WideBvh) -> tuple[Callable[..., None], int, tuple[int, ...]]:
+def choose_path(mode: int, rays: Rays, caster: RayCaster) -> tuple[Callable[..., None], int, tuple[int, ...]]:
     """Choose the kernel for a batch: the one door for further paths.
 
     Every path takes the same parameters (:func:`tracer.rays.single.trace_single`) and gives the same answers, so this
@@ -244,11 +252,14 @@ def choose_path(mode: int, rays: Rays, bvh: WideBvh) -> tuple[Callable[..., None
     tuple
         (kernel, rays handed to a thread at a time, further arguments).
     """
+    bvh = caster.bvh
     if mode != COUNT and rays.n >= _WORTH_A_LOOK:
         width = row_length(bvh.buffer, rays.packed, rays.n)
         if width > 0:
             band = SIDE * width
             return trace_coherent, max(CHUNK // band, 1) * band, (width,)
+        if bvh.n_triangles <= FEW:
+            return trace_brute, CHUNK, (caster.few_triangles.ctypes.data,)
         if go_together(bvh.buffer, rays.packed, rays.n) >= _TOGETHER:
             return trace_coherent, CHUNK, (0,)
     return trace_stream, CHUNK, ()

@@ -54,6 +54,32 @@ def prepare_tile(tile: int) -> None:
 
 
 @inline
+def start_vector(tile: int, vector: int, rays: Any, number: int) -> Any:
+    """Fill a vector of a tile with rays number .. number + 3 of the arrays.
+
+    Returns
+    -------
+    tuple
+        (bits of those that can meet anything; origins x, y, z; directions x, y, z, the largest in [1, 2)).
+    """
+    origins, wide_o, directions, wide_d, t_min, step_min, t_max, step_max = rays
+    ox, oy, oz = four_vectors(origins + number * (12 << wide_o), wide_o)
+    dx, dy, dz = four_vectors(directions + number * (12 << wide_d), wide_d)
+    nearest, farthest = four_limits(t_min + step_min * number, step_min, t_max + step_max * number, step_max)
+    valid, unit, dx, dy, dz, nearest, farthest = as_intervals(ox, oy, oz, dx, dy, dz, nearest, farthest)
+    at = tile + STEP * vector
+    store(at + ORIGIN, ox)
+    store(at + ORIGIN + ROW, oy)
+    store(at + ORIGIN + 2 * ROW, oz)
+    store(at + T_MIN, nearest)
+    store(at + T_BEST, farthest)
+    store(at + UNIT_T, unit)
+    store(at + PRIMITIVE, splat(INTEGERS, _int64(-1)))
+    shear_lanes(tile, vector, dx, dy, dz)
+    return mask_to_bits(valid), (ox, oy, oz), (dx, dy, dz)
+
+
+@inline
 def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
     """Fill a tile from the arrays, and ask for the memory of the next tile but one.
 
@@ -71,7 +97,7 @@ def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
     int64
         The rays that can meet anything.
     """
-    origins, wide_o, directions, wide_d, t_min, step_min, t_max, step_max = rays
+    origins, wide_o, directions, wide_d, _t_min, _step_min, _t_max, _step_max = rays
     rays_there = _int64(0)
     ahead = (2 * LANES) << shift
     for i in range(VECTORS):
@@ -79,20 +105,8 @@ def start_tile(tile: int, rays: Any, first: int, width: int, shift: int) -> Any:
         soon = (number + ahead) * 12
         prefetch(origins + (soon << wide_o))
         prefetch(directions + (soon << wide_d))
-        ox, oy, oz = four_vectors(origins + number * (12 << wide_o), wide_o)
-        dx, dy, dz = four_vectors(directions + number * (12 << wide_d), wide_d)
-        nearest, farthest = four_limits(t_min + step_min * number, step_min, t_max + step_max * number, step_max)
-        valid, unit, dx, dy, dz, nearest, farthest = as_intervals(ox, oy, oz, dx, dy, dz, nearest, farthest)
-        at = tile + STEP * i
-        store(at + ORIGIN, ox)
-        store(at + ORIGIN + ROW, oy)
-        store(at + ORIGIN + 2 * ROW, oz)
-        store(at + T_MIN, nearest)
-        store(at + T_BEST, farthest)
-        store(at + UNIT_T, unit)
-        store(at + PRIMITIVE, splat(INTEGERS, _int64(-1)))
-        shear_lanes(tile, i, dx, dy, dz)
-        rays_there |= mask_to_bits(valid) << (LANES * i)
+        valid, _origin, _direction = start_vector(tile, i, rays, number)
+        rays_there |= valid << (LANES * i)
     return rays_there
 
 
