@@ -181,6 +181,10 @@ MUTANTS = [
         "_EDGE: Final = 2.0**-44",
         "_EDGE: Final = -(2.0**-10)",
     ),
+    Mutant("brute-without-margin", "N2", "rays/brute.py", "_MARGIN: Final = 2.0**-13", "_MARGIN: Final = 2.0**-30"),
+    Mutant("brute-without-slack", "N2", "rays/brute.py", "_SLACK: Final = 2.0**-15", "_SLACK: Final = 2.0**-40"),
+    Mutant("brute-from-afar", "N2", "rays/brute.py", "_FAR: Final = 2.0 ", "_FAR: Final = 1e6 "),
+    Mutant("any-quadrilateral", "N2", "rays/brute_table.py", "_SAME: Final = 2.0**-26", "_SAME: Final = 2.0**-2"),
     Mutant(
         "corners-of-other-pixels",
         "tests/tracer/integrators/test_integrators_corners.py::test_any_number_of_samples[12]",

@@ -190,7 +190,7 @@ def run_handfuls(cases, rng):
         a, b, c = vertices[faces[rng.integers(0, len(faces), MIX)]].transpose(1, 0, 2)
         weights = rng.choice([0.0, 0.0, 0.5, 1.0], (MIX, 1)), rng.choice([0.0, 1e-9, 0.3], (MIX, 1))
         targets = a + (b - a) * weights[0] + (c - a) * weights[1]
-        origins = (rng.normal(size=(MIX, 3)) * rng.choice([0.1, 0.8, 1.5, 100.0], (MIX, 1)) + shift) * scale
+        origins = (rng.normal(size=(MIX, 3)) * rng.choice([0.1, 0.8, 1.5, 1e4], (MIX, 1)) + shift) * scale
         on_face = rng.random(MIX) < 0.2
         origins[on_face] = vertices[faces[rng.integers(0, len(faces), MIX)]].mean(1)[on_face]
         directions = targets - origins
