@@ -28,7 +28,7 @@ _STEPS = """
 import json, sys, time
 start = time.perf_counter()
 from pathlib import Path
-import typer._adapters
+import typer
 import client.assets, client.cli, client.local
 from tracer.film.writer import FilmWriter
 from tracer.native.warm import warm
