@@ -14,7 +14,7 @@ from closed_meshes import by_brute_force
 
 from tests.tracer.rays.packets import axis_of, put_direction
 from tracer.jit import int64, kernel
-from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, trace_packet
+from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, UNLIMITED, trace_packet
 from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST, WEIGHT_2
 from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
@@ -49,7 +49,7 @@ def _ask(tree, memory, opaque, materials, origins, directions, ends, until_hit, 
             store(ray + SKIP, int64(-1))
         answers[beam, 0] = -1
         if until_hit:
-            trace_packet(base, packet, int64(15), int64(CLOSEST), int64(0), int64(0), int64(0))
+            trace_packet(base, packet, int64(15), int64(CLOSEST), int64(0), int64(0), int64(0), int64(UNLIMITED))
             face = load(_int64, packet + PRIMITIVE)
             alike = True
             for corner in range(4):
@@ -61,8 +61,8 @@ def _ask(tree, memory, opaque, materials, origins, directions, ends, until_hit, 
             store(packet + 8 * corner + WEIGHT_2, 0.0)
         mode = int64(SOLE + PENCIL) if ends[beam] == np.inf else int64(SOLE + ENDING)
         answers[beam, 1] = trace_packet(
-            base, packet, int64(15), mode, address_of(opaque), address_of(materials), int64(0)
-        )
+            base, packet, int64(15), mode, address_of(opaque), address_of(materials), int64(0), int64(UNLIMITED)
+        )[0]
 
 
 def span(origins, directions, rng):

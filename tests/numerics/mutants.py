@@ -133,6 +133,27 @@ MUTANTS = [
         "_ROUNDING: Final = -(2.0**-21)",
     ),
     Mutant(
+        "given-up-for-good",  # what a packet has found before it is given up stays
+        "N2",
+        "rays/packet_start.py",
+        "if primitive != load(_int64, ray + PRIMITIVE):",
+        "if load(_int64, ray + PRIMITIVE) < 0:",
+    ),
+    Mutant(
+        "skip-lost-alone",
+        "tests/tracer/rays/test_rays_packet.py::test_origins_on_the_surface",
+        "rays/packet_start.py",
+        "load(INTEGERS, four + SKIP))",
+        "none)",
+    ),
+    Mutant(
+        "light-lost-in-a-packet-given-up",
+        "tests/tracer/rays/test_rays_packet.py::test_light_through_closed_meshes",
+        "rays/packet.py",
+        "if dimmed & active != 0:",
+        "if False:",
+    ),
+    Mutant(
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
         "tests/numerics/test_beams.py",
         "rays/packet.py",

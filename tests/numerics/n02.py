@@ -13,7 +13,7 @@ import numpy as np
 from beams import span, wrong_answers
 from closed_meshes import by_brute_force, mix
 from n01 import batches
-from packets import by_packets
+from packets import BUDGETS, by_packets
 from row import Row
 
 from tests.tracer.rays.packets import find_closest
@@ -218,9 +218,10 @@ def run(cases, seed=2):
         told += answers[1]
         for o, d in ((origins, directions), fan_out(origins, directions), together):
             hits = caster.closest_hit(o, d)
-            times, primitives, met = by_packets(caster.bvh, o, d)
-            wrong["packet"] += int(((times != hits.t) | (primitives != hits.primitive)).sum())
-            wrong["any-hit in packets"] += int((met != (hits.primitive >= 0)).sum())
+            for budget in BUDGETS:
+                times, primitives, met = by_packets(caster.bvh, o, d, budget=budget)
+                wrong["packet"] += int(((times != hits.t) | (primitives != hits.primitive)).sum())
+                wrong["any-hit in packets"] += int((met != (hits.primitive >= 0)).sum())
             true_times, true_primitives, _ = by_brute_force(vertices, faces, o[:BRUTE], d[:BRUTE])
             wrong["placements"] += by_placements(vertices, faces, o[:BRUTE], d[:BRUTE], rng)
             differs = (true_times != hits.t[:BRUTE]) | (true_primitives != hits.primitive[:BRUTE])

@@ -2,7 +2,7 @@
 
 import numpy as np
 from closed_meshes import by_brute_force
-from packets import by_packets
+from packets import BUDGETS, by_packets
 from row import Row
 from test_rays_undefined import flat_boxes
 
@@ -14,10 +14,13 @@ def compare(vertices, faces, origins, directions):
     caster = RayCaster(vertices, faces)
     hits = caster.closest_hit(origins, directions)
     times, primitives, crossings = by_brute_force(vertices, faces, origins, directions)
-    packet_times, packet_primitives, met = by_packets(caster.bvh, origins, directions)
     differs = (hits.t != times) | (hits.primitive != primitives) | (caster.count_hits(origins, directions) != crossings)
-    differs |= (packet_times != times) | (packet_primitives != primitives) | (met != (primitives >= 0))
-    return int(differs.sum()), sum(int(np.isnan(column).sum()) for column in (*hits, packet_times))
+    nans = sum(int(np.isnan(column).sum()) for column in hits)
+    for budget in BUDGETS:
+        packet_times, packet_primitives, met = by_packets(caster.bvh, origins, directions, budget=budget)
+        differs |= (packet_times != times) | (packet_primitives != primitives) | (met != (primitives >= 0))
+        nans += int(np.isnan(packet_times).sum())
+    return int(differs.sum()), nans
 
 
 def degenerate(n, rng):

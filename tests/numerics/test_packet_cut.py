@@ -36,7 +36,7 @@ def test_beside_the_short_edge_of_a_sliver(edge, one_origin):
             origins = origins * (1.0 + rng.choice([0.0, 2.0**-52, -(2.0**-52)], origins.shape))
         directions = unit(target - eye) * (1.0 + rng.choice([0.0, 2.0**-52, -(2.0**-52)], (64, 3)))
         tree = tree_of(vertices, faces)
-        found = follow(tree, origins, directions, wide=True)
+        found = follow(tree, origins, directions, way="packet")
         alone = RayCaster.from_bvh(tree).closest_hit(origins, directions)
         times, primitives, _ = by_brute_force(vertices, faces, origins, directions)
         assert (found.primitive == primitives).all()

@@ -30,7 +30,7 @@ from tracer.integrators.faces import ROOM, ROOM_MIRRORED, SLIM_MIRROR, corners_o
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
-from tracer.rays.packet import CLOSEST, ENDING, NONE, PARALLEL, PENCIL, SOLE, trace_packet
+from tracer.rays.packet import CLOSEST, ENDING, NONE, PARALLEL, PENCIL, SOLE, UNLIMITED, trace_packet
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -237,8 +237,15 @@ def _judge_light(view: SceneView, scratch: Scratch, light: int) -> Any:
     directional = view.light_kind[light] == LIGHT_KIND_DIRECTIONAL
     mode = int64(SOLE + PARALLEL) if directional else int64(SOLE + ENDING)
     blocker = trace_packet(
-        scratch.trees, scratch.shadows, corners, mode, scratch.kt, scratch.face_material, int64(8 * N_MATERIAL)
-    )
+        scratch.trees,
+        scratch.shadows,
+        corners,
+        mode,
+        scratch.kt,
+        scratch.face_material,
+        int64(8 * N_MATERIAL),
+        int64(UNLIMITED),
+    )[0]
     if blocker == NONE:
         return 1
     return -1 if blocker >= 0 else 0
@@ -260,7 +267,7 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any, start: 
     if not _goes_one_way(hits):
         return nothing_seen(False)
     corners = _int64(NIBBLE)
-    trace_packet(scratch.trees, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0))
+    trace_packet(scratch.trees, hits, corners, int64(CLOSEST), int64(0), int64(0), int64(0), int64(UNLIMITED))
     face = load(_int64, hits + PRIMITIVE)
     if face < 0 or not all_lanes(load(INTEGERS, hits + PRIMITIVE) == splat(INTEGERS, face)):
         return nothing_seen(_some_agree(hits))
@@ -268,7 +275,10 @@ def _look(view: SceneView, ambient: Vec3, scratch: Scratch, before: Any, start: 
     # the rays end now at their hits: what is behind these does not count
     store(hits + WEIGHT_2, before)
     store(hits + LIGHT, start)
-    if trace_packet(scratch.trees, hits, corners, int64(SOLE + PENCIL), int64(0), int64(0), int64(0)) != face:
+    sole = trace_packet(
+        scratch.trees, hits, corners, int64(SOLE + PENCIL), int64(0), int64(0), int64(0), int64(UNLIMITED)
+    )[0]
+    if sole != face:
         return nothing_seen(True)
     place, row = load(_int64, hits + WEIGHT_1), load(_int64, hits + WEIGHT_1 + 8)
     word = load(_int64, hits + WEIGHT_1 + 16)

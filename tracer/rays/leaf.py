@@ -43,6 +43,7 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1
 COUNT: Final = 2
+DIM: Final = 3  # a packet's light is multiplied by what each surface lets through
 _INF: Final = float("inf")
 _SIGN_BIT: Final = -(2**31)
 

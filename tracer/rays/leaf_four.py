@@ -15,7 +15,8 @@ from tracer.accel.emit import ORDER_BITS
 from tracer.accel.layout import UNIT
 from tracer.jit import inline
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, COUNT, settle, take
+from tracer.rays.leaf import ANY, COUNT, DIM, TIMES, settle, take
+from tracer.rays.packet_shade import dim_lane
 from tracer.rays.predicate import CERTAIN, TINY, weigh
 from tracer.simd import (
     absolute,
@@ -32,6 +33,7 @@ from tracer.simd import (
     splat,
     store,
     transpose,
+    unlikely,
 )
 from tracer.simd.gateway import types
 
@@ -105,17 +107,43 @@ def _stop(state: int) -> None:
 
 
 @inline
-def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int) -> None:
+def _next_word(wide: int, base: int, state: int) -> Any:
+    """Load the leaf's word of the ray's next candidate: id and vertex order."""
+    leaf, n = leaf_of(base, load(_int64, state + s.NODE))
+    lane = count_trailing_zeros(load(_int64, state + s.CANDIDATES))
+    return _int64(load(_int32, leaf + 9 * (n << (2 + wide)) + 4 * lane))
+
+
+@inline
+def _end(state: int) -> None:
+    """Note that the ray has met what it looks for."""
+    store(state + s.BEST_ID, _int64(0))
+    _stop(state)
+
+
+@inline
+def _dim(state: int, primitive: int, shading: Any) -> None:
+    """Weaken the light of a packet's ray by a primitive."""
+    packet, kt, face_material, stride = shading
+    material = kt + stride * _int64(load(_int32, face_material + 4 * primitive))
+    if dim_lane(packet + 8 * load(_int64, state + s.RAY_INDEX), material):
+        _end(state)
+
+
+@inline
+def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int, shading: Any) -> None:
     """Note a hit that is nearer than the ray's nearest so far; ``weights`` are three, and one that does not matter."""
     if mode == COUNT:
         store(state + s.BEST_ID, load(_int64, state + s.BEST_ID) + 1)
-    elif mode == ANY:
-        store(state + s.BEST_ID, _int64(0))
-        _stop(state)
+        return
+    word = _next_word(wide, base, state)
+    if unlikely(word >> ORDER_BITS == _int64(load(_int32, state + s.SKIP))):
+        return
+    if mode == ANY:
+        _end(state)
+    elif mode == DIM:
+        _dim(state, word >> ORDER_BITS, shading)
     else:
-        leaf, n = leaf_of(base, load(_int64, state + s.NODE))
-        lane = count_trailing_zeros(load(_int64, state + s.CANDIDATES))
-        word = _int64(load(_int32, leaf + 9 * (n << (2 + wide)) + 4 * lane))
         store(state + s.WEIGHTS, weights)
         store(state + s.BEST_ID, word >> ORDER_BITS)
         store(state + s.BEST_ORDER, word & ((1 << ORDER_BITS) - 1))
@@ -124,12 +152,18 @@ def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int) -
 
 
 @inline
-def _note_by_predicate(wide: int, base: int, state: int, scratch: int, mode: int) -> None:
+def _note_by_predicate(wide: int, base: int, state: int, scratch: int, mode: int, shading: Any) -> None:
     """Decide about the ray's next candidate by the scalar predicate, and note what it brings."""
     leaf, n = leaf_of(base, load(_int64, state + s.NODE))
     first = count_trailing_zeros(load(_int64, state + s.CANDIDATES))
     met = settle(wide, leaf, n, first, _int64(1), state, scratch)
-    if take(wide, leaf, n, first, met, state, scratch, mode):
+    primitive = _next_word(wide, base, state) >> ORDER_BITS
+    if met == 0 or primitive == _int64(load(_int32, state + s.SKIP)):
+        return
+    if mode == DIM:
+        if load(_float64, scratch + TIMES) < load(_float64, state + s.T_BEST):
+            _dim(state, primitive, shading)
+    elif take(wide, leaf, n, first, met, state, scratch, mode):
         if mode == ANY:
             _stop(state)
         else:
@@ -137,19 +171,22 @@ def _note_by_predicate(wide: int, base: int, state: int, scratch: int, mode: int
 
 
 @inline
-def visit_next(wide: int, base: int, places: int, count: int, scratch: int, mode: int) -> None:
+def visit_next(wide: int, base: int, places: int, count: int, scratch: int, mode: int, shading: Any) -> None:
     """Test the next candidate of one to four rays and note what it brings, as `tracer.rays.leaf.visit_triangles`.
 
     Parameters
     ----------
     wide, scratch, mode
-        As there.
+        As there; or DIM.
     base
         Address of the tree.
     places
         Address of four int64, addresses of rays at leaves, with a candidate each; the same one may fill up the four.
     count
         How many of them are meant.
+    shading
+        For DIM: addresses of the packet, of the first material's kt and of the faces' materials (int32), and the bytes
+        from material to material.
     """
     states = load(_int64, places), load(_int64, places + 8), load(_int64, places + 16), load(_int64, places + 24)
     row_0, place_0 = _row_and_place(wide, base, states[0])
@@ -193,15 +230,15 @@ def visit_next(wide: int, base: int, places: int, count: int, scratch: int, mode
     possible = mask_to_bits(((low >= -e) | (high <= e)) & (most > t_min) & (least <= t_best)) & ~certain & meant
     weights = transpose(u / total, v / total, w / total, t)
     if nearer & 1 != 0:
-        _note(wide, base, states[0], extract(t, 0), weights[0], mode)
+        _note(wide, base, states[0], extract(t, 0), weights[0], mode, shading)
     if nearer & 2 != 0:
-        _note(wide, base, states[1], extract(t, 1), weights[1], mode)
+        _note(wide, base, states[1], extract(t, 1), weights[1], mode, shading)
     if nearer & 4 != 0:
-        _note(wide, base, states[2], extract(t, 2), weights[2], mode)
+        _note(wide, base, states[2], extract(t, 2), weights[2], mode, shading)
     if nearer & 8 != 0:
-        _note(wide, base, states[3], extract(t, 3), weights[3], mode)
+        _note(wide, base, states[3], extract(t, 3), weights[3], mode, shading)
     rest = possible | (met & ~nearer)
     while rest != 0:
         lane = count_trailing_zeros(rest)
         rest &= rest - 1
-        _note_by_predicate(wide, base, load(_int64, places + 8 * lane), scratch, mode)
+        _note_by_predicate(wide, base, load(_int64, places + 8 * lane), scratch, mode, shading)

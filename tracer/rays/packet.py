@@ -63,7 +63,7 @@ from tracer.rays.beam import (
 from tracer.rays.packet_corners import ACROSS, APART, coincide, judge_triangle
 from tracer.rays.packet_cut import cut_leaf
 from tracer.rays.packet_leaf import meet_triangle, meet_within
-from tracer.rays.packet_shade import dim, lets_nothing_through
+from tracer.rays.packet_shade import LIGHT_BYTES, dim, keep_light, lets_nothing_through, restore_light
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,
@@ -109,15 +109,20 @@ TO_POINT: Final = 32  # what they end in is one point
 PENCIL: Final = packet_corners.PENCIL << 6  # for SOLE: what beam the four rays 0 to 3 are the corners of
 ENDING: Final = packet_corners.ENDING << 6
 PARALLEL: Final = packet_corners.PARALLEL << 6
+UNLIMITED: Final = 2**62  # a budget
 NONE: Final = -1  # answers of SOLE: no triangle
 SEVERAL: Final = -2  # more than one, or one at the edge
 
-_MODES: Final = 15
+MODES: Final = 15
 _KIND_BITS: Final = 6
 _TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
 _FOUND_BYTES: Final = 4 * STEP
+# What is counted as work
+_NODE: Final = 1
+_LEAF: Final = 2
+_TRIANGLE: Final = 4
 _TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
 _LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 _ROOT: Final = HEADER_BYTES // UNIT << 3
@@ -162,7 +167,9 @@ def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
 
 
 @kernel
-def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
+def trace_packet(
+    base: int, packet: int, active: int, mode: int, kt: int, face_material: int, stride: int, budget: int
+) -> Any:
     """Follow the active rays of a packet, all of one AXIS.
 
     Parameters
@@ -183,17 +190,21 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     kt, face_material, stride
         For SHADE and shadow rays of SOLE: address of the first material's kt, of the faces' materials (int32), and
         bytes from material to material.
+    budget
+        Work after which the packet is given up; or `UNLIMITED`, always for SOLE.
 
     Returns
     -------
-    int64
-        The rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE the id of
+    tuple of int64
+        First the rays that met something (ANY), or have no light left (SHADE); 0 for CLOSEST. For SOLE the id of
         the one triangle that all of a pencil meet, or of an opaque one that all shadow rays meet; `NONE`: nobody meets
-        anything; `SEVERAL`: it is not that simple.
+        anything; `SEVERAL`: it is not that simple. Second the rays that must travel alone; CLOSEST has left them with
+        the nearest hit so far, SHADE with their light as it was.
     """
     stand_alone()
+    nobody = _int64(0)
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
-        return _int64(NONE if mode & _MODES == SOLE else 0)
+        return _int64(NONE if mode & MODES == SOLE else 0), nobody
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
     kz = axis >> 1
     kx = kz - 2 if kz == 2 else kz + 1
@@ -217,7 +228,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     if not surveyed:
         survey(packet, active, axes, frame, breadth, beam)
     kind = mode >> _KIND_BITS
-    mode &= _MODES
+    mode &= MODES
     believed = _int64(-1 if scale < _TINIEST else 0)  # where weights may underflow, no triangle is met for certain
     # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
@@ -225,7 +236,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     first_depth = max(load(_float64, beam + BEGIN), -half) - slop
     last_depth = min(load(_float64, beam + LAST_END) + LATE, half) + slop
     if first_depth > last_depth:
-        return _int64(NONE if mode == SOLE else 0)
+        return _int64(NONE if mode == SOLE else 0), nobody
     x_low, x_low_start, x_high, x_high_start = chords(beam + EXTREMES_X, breadth, slop)
     y_low, y_low_start, y_high, y_high_start = chords(beam + EXTREMES_Y, breadth, slop)
     store(beam + BEAM_CENTRE, cx)
@@ -272,7 +283,9 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     found = stack_memory(_FOUND_BYTES)
     lines = stack_memory(GROUPS_BYTES)
     boxes = stack_memory(BOXES_BYTES)
+    light = stack_memory(LIGHT_BYTES)
     tries, room = _int64(0), -1.0
+    work = dimmed = nobody
     alive = groups_of(active)
     ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
@@ -281,6 +294,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
     limit = to_bits(_float32(farthest_depth - first_depth) * _float32(1.000001))
     while True:
         while word >= 0:
+            work += _NODE
             node = base + word * (UNIT // 8)
             enter = maximum(load(float32x8, node + near_row) * flip, nearest)
             leave = minimum(load(float32x8, node + far_row) * flip, farthest)
@@ -307,6 +321,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
             n = (word & 7) + 1
             row = n * size
             ids = leaf + 9 * row
+            work += _LEAF
             changed = _int64(0)
             by_groups = room >= 0.0
             if by_groups:
@@ -341,14 +356,14 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     if kind != packet_corners.PENCIL:  # what darkens all needs not be alone
                         material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
                         if verdict == ACROSS and lets_nothing_through(material):
-                            return face >> ORDER_BITS
+                            return face >> ORDER_BITS, nobody
                         ended = _int64(SEVERAL)
                         tries += 1
                         if tries > _TRIES:
-                            return ended
+                            return ended, nobody
                         continue
                     if verdict != ACROSS or (ended != NONE and not coincide(place, row, packet, size)):
-                        return _int64(SEVERAL)
+                        return _int64(SEVERAL), nobody
                     if ended == NONE or face >> ORDER_BITS < ended:
                         ended = face >> ORDER_BITS
                         store(packet + WEIGHT_1, place)
@@ -365,6 +380,7 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                         groups = groups_that_reach(lines, boxes + 4 * k) & alive
                         if groups == 0:
                             continue
+                    work += _TRIANGLE
                     met = meet_triangle(
                         leaf + k * size,
                         size,
@@ -386,22 +402,28 @@ def trace_packet(base: int, packet: int, active: int, mode: int, kt: int, face_m
                     alive = groups_of(active)
                 elif mode == SHADE and met != 0:
                     material = kt + stride * _int64(load(_int32, face_material + 4 * (face >> ORDER_BITS)))
+                    if dimmed == 0:
+                        keep_light(packet, light)
+                    dimmed |= met
                     dark = dim(packet, met, material)
                     ended |= dark
                     active &= ~dark
                     alive = groups_of(active)
-            if changed != 0:
-                if active == 0:
-                    return ended
-                if mode == CLOSEST:
-                    farthest_depth = min(farthest_depth, deepest_end(packet, active, kz, frame) + slop + LATE)
-                    farthest_depth += _ROUNDING * abs(farthest_depth)
-                    farthest = _spread(farthest_depth)
-                    store(beam + BEAM_LAST, farthest_depth)
-                    limit = to_bits(max(_float32(farthest_depth - first_depth) * _float32(1.000001), _float32(0.0)))
+            if active == 0:
+                return ended, nobody
+            if work > budget:
+                if dimmed & active != 0:
+                    restore_light(packet, light, active)
+                return ended, active
+            if changed != 0 and mode == CLOSEST:
+                farthest_depth = min(farthest_depth, deepest_end(packet, active, kz, frame) + slop + LATE)
+                farthest_depth += _ROUNDING * abs(farthest_depth)
+                farthest = _spread(farthest_depth)
+                store(beam + BEAM_LAST, farthest_depth)
+                limit = to_bits(max(_float32(farthest_depth - first_depth) * _float32(1.000001), _float32(0.0)))
         while True:
             if top == stack:
-                return ended
+                return ended, nobody
             top -= 8
             entry = load(_int64, top)
             if (entry >> 32) <= limit:

@@ -19,7 +19,6 @@ from tracer.jit import inline, kernel
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import FROM_POINT, SHADE, TO_POINT
 from tracer.rays.rows import (
-    AXIS,
     INTEGERS,
     LANES,
     LIGHT,
@@ -28,15 +27,14 @@ from tracer.rays.rows import (
     PRIMITIVE,
     RAY_ROWS,
     ROW,
-    SHEAR,
     SKIP,
-    SPEED,
     STEP,
     T_BEST,
     VECTOR,
     VECTORS,
     WEIGHT_1,
     WEIGHT_2,
+    direction_lanes,
     mask_of,
     shear_lanes,
 )
@@ -93,28 +91,17 @@ def _survey(packet: int, lanes: int, ways: int) -> float:
         if (lanes >> (LANES * i)) & NIBBLE == 0:
             continue
         ray, way = packet + STEP * i, ways + STEP * i
-        axis = load(INTEGERS, ray + AXIS)
-        speed = load(VECTOR, ray + SPEED)
-        negative = (axis & splat(INTEGERS, _int64(1))) != splat(INTEGERS, _int64(0))
-        kz = select(negative, -speed, speed)
-        kx, ky = load(VECTOR, ray + SHEAR) * kz, load(VECTOR, ray + SHEAR + ROW) * kz
-        along_z, along_x = axis >= splat(INTEGERS, _int64(4)), axis < splat(INTEGERS, _int64(2))
-        # kx, ky, kz are x, y, z along z, z, x, y along y and y, z, x along x
-        directions = Vec3(
-            select(along_z, kx, select(along_x, kz, ky)),
-            select(along_z, ky, select(along_x, kx, kz)),
-            select(along_z, kz, select(along_x, ky, kx)),
-        )
+        dx, dy, dz = direction_lanes(ray)
         mask = mask_of(lanes, i)
         for k in range(3):
             size = absolute(load(VECTOR, ray + ORIGIN + k * ROW))
             reach = maximum(select(mask, size, reach), reach)  # in this order a NaN does not count
-        store(way + _DIRECTION, directions.x)
-        store(way + _DIRECTION + ROW, directions.y)
-        store(way + _DIRECTION + 2 * ROW, directions.z)
-        store(way + _INVERSE, minimum(maximum(one / directions.x, -steepest), steepest))
-        store(way + _INVERSE + ROW, minimum(maximum(one / directions.y, -steepest), steepest))
-        store(way + _INVERSE + 2 * ROW, minimum(maximum(one / directions.z, -steepest), steepest))
+        store(way + _DIRECTION, dx)
+        store(way + _DIRECTION + ROW, dy)
+        store(way + _DIRECTION + 2 * ROW, dz)
+        store(way + _INVERSE, minimum(maximum(one / dx, -steepest), steepest))
+        store(way + _INVERSE + ROW, minimum(maximum(one / dy, -steepest), steepest))
+        store(way + _INVERSE + 2 * ROW, minimum(maximum(one / dz, -steepest), steepest))
     return float(reduce_max(reach))
 
 

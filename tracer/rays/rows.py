@@ -100,6 +100,22 @@ def shear_lanes(packet: int, vector: int, dx: Any, dy: Any, dz: Any) -> None:
 
 
 @inline
+def direction_lanes(ray: int) -> Any:
+    """Make x, y, z of four rays' directions again from their shears: up to a rounding each."""
+    axis, speed = load(INTEGERS, ray + AXIS), load(VECTOR, ray + SPEED)
+    negative = (axis & splat(INTEGERS, _int64(1))) != splat(INTEGERS, _int64(0))
+    kz = select(negative, -speed, speed)
+    kx, ky = load(VECTOR, ray + SHEAR) * kz, load(VECTOR, ray + SHEAR + ROW) * kz
+    along_z, along_x = axis >= splat(INTEGERS, _int64(4)), axis < splat(INTEGERS, _int64(2))
+    # kx, ky, kz are x, y, z along z, z, x, y along y and y, z, x along x
+    return (
+        select(along_z, kx, select(along_x, kz, ky)),
+        select(along_z, ky, select(along_x, kx, kz)),
+        select(along_z, kz, select(along_x, ky, kx)),
+    )
+
+
+@inline
 def spread_shear(packet: int, vector: int, shear: Any, speed: float) -> None:
     """Fill SHEAR, SPEED and AXIS of four rays of one direction.
 

@@ -32,6 +32,7 @@ from tracer.simd.gateway import types
 
 _float32: Final = types.float32
 _float64: Final = types.float64
+_int32: Final = types.int32
 _int64: Final = types.int64
 
 LANES: Final = 4
@@ -176,6 +177,44 @@ def start_four(
     ox, oy, oz = four_vectors(origins, wide_o)
     dx, dy, dz = four_vectors(directions, wide_d)
     valid, unit, fx, fy, fz, t_min, t_max = as_intervals(ox, oy, oz, dx, dy, dz, t_min, t_max)
+    # tracer.rays.predicate.shear_of
+    x, y, z = absolute(fx), absolute(fy), absolute(fz)
+    on_z = (z >= x) & (z >= y)
+    on_y = y >= x
+    major = select(on_z, fz, select(on_y, fy, fx))
+    shear_z = _f64(1.0) / major
+    shear_x = select(on_z, fx, select(on_y, fz, fy)) * shear_z
+    shear_y = select(on_z, fy, select(on_y, fx, fz)) * shear_z
+    shear = shear_x, shear_y, shear_z, major, on_z, on_y
+    none = _i64(-1)
+    fill_states(states, base, reach, (ox, oy, oz), (fx, fy, fz), (valid, unit, t_min, t_max), shear, none, none)
+
+
+@inline
+def fill_states(
+    states: Any, base: int, reach: float, origin: Any, direction: Any, interval: Any, shear: Any, best: Any, skip: Any
+) -> None:
+    """Fill four states.
+
+    Parameters
+    ----------
+    states
+        Their addresses. STACK, STACK_TOP and RAY_INDEX are left to the caller.
+    base, reach
+        As for `start_four`.
+    origin, direction
+        x, y, z, float64x4; directions times their unit.
+    interval
+        From `as_intervals`: valid, unit, tmin, tmax.
+    shear
+        Sx, Sy, Sz, the component along kz, and whether that is z or y.
+    best, skip
+        int64x4: BEST_ID and SKIP.
+    """
+    ox, oy, oz = origin
+    fx, fy, fz = direction
+    valid, unit, t_min, t_max = interval
+    shear_x, shear_y, shear_z, major, on_z, on_y = shear
     zero, one = _f64(0.0), _f64(1.0)
     infinite = _f64(_INF)
     half = base + 8 * FRAME_HALF
@@ -214,14 +253,6 @@ def start_four(
     last = (t_max * scale - entry) * s.UP + slack
     f_min, f_best = convert(_float32, first), convert(_float32, last)
     valid = valid & (last >= first)
-    # tracer.rays.predicate.shear_of
-    x, y, z = absolute(fx), absolute(fy), absolute(fz)
-    on_z = (z >= x) & (z >= y)
-    on_y = y >= x
-    major = select(on_z, fz, select(on_y, fy, fx))
-    shear_z = one / major
-    shear_x = select(on_z, fx, select(on_y, fz, fy)) * shear_z
-    shear_y = select(on_z, fy, select(on_y, fx, fz)) * shear_z
     kx = select(on_z, _i64(0), select(on_y, _i64(2), _i64(1)))
     ky = select(on_z, _i64(1), select(on_y, _i64(0), _i64(2)))
     kz = select(on_z, _i64(2), select(on_y, _i64(1), _i64(0)))
@@ -230,7 +261,7 @@ def start_four(
     sheared_z = select(on_z, oz, select(on_y, oy, ox))
     _store_rows(states, s.SHEAR_X, shear_x, shear_y, shear_z, sheared_x)
     _store_rows(states, s.ORIGIN_Y, sheared_y, sheared_z, t_min, t_max)
-    _store_rows(states, s.AXIS_X, kx, ky, kz, _i64(-1))
+    _store_rows(states, s.AXIS_X, kx, ky, kz, best)
     _store_rows(states, s.TIME_SCALE, scale, entry, slack, unit)
     word = select(valid, _i64(ROOT), _i64(END))
     _store_rows(states, s.NEAR_X, _near_row(neg_x, 0), _near_row(neg_y, 32), _near_row(neg_z, 64), word)
@@ -251,7 +282,8 @@ def start_four(
         convert(_float32, sign),
         error * _f32(5.0),
     )
-    _store_rows(states, s.COARSE_ENTRY, -nearest, nearest * _f32(3.0), nearest, nearest)
+    skip32 = from_bits(convert(_int32, skip))
+    _store_rows(states, s.COARSE_ENTRY, -nearest, nearest * _f32(3.0), skip32, skip32)
 
 
 @inline

@@ -66,6 +66,7 @@ COARSE_SIGN: Final = 296  # float32: 1 where d.kz is negative, else -1
 COARSE_ERROR_5: Final = 300  # float32: 5 times COARSE_ERROR
 COARSE_ENTRY: Final = 304  # float32: minus T_MIN |d.kz|, tmin on the axis kz; and 3 times T_MIN |d.kz|
 COARSE_ENTRY_3: Final = 308
+SKIP: Final = 312  # int32: a primitive that the ray cannot meet, or -1
 
 NEAR_AND_FAR: Final = (96, 160, 224)  # near row + far row of each axis
 

@@ -19,6 +19,7 @@ from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.leaf import CLOSEST, LEAF_SCRATCH_BYTES, finish, sift_leaf
 from tracer.rays.leaf_four import RAYS, leaf_of, visit_next
+from tracer.rays.packet_start import FOUR_BYTES, finish_lane, start_lanes
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
@@ -56,6 +57,7 @@ _WORDS: Final = IN_FLIGHT * _WIDEST + 64
 _ALL_STACKS_BYTES: Final = 2 * _WORDS
 _ALL_STATES_BYTES: Final = IN_FLIGHT * s.STATE_BYTES
 _LIST_BYTES: Final = 8 * IN_FLIGHT + 64
+_REST_BYTES: Final = max(SCRATCH_BYTES, FOUR_BYTES)
 _BOTTOM: Final = -(2**31)  # nearer than anything: never dropped
 _FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
 _LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
@@ -220,8 +222,15 @@ def trace_stream(
     follow(address_of(tree), rays, _int64(0), start, end, mode, outputs)
 
 
-@kernel
+@inline
 def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, outputs: Any) -> None:
+    """Answer rays of arrays, many in flight; parameters as for `follow_all`."""
+    no = _int64(0)
+    follow_all(base, rays, (no, no, no, no), listed, start, end, mode, outputs)
+
+
+@kernel
+def follow_all(base: int, rays: Any, shading: Any, listed: int, start: int, end: int, mode: int, outputs: Any) -> Any:
     """Answer rays, many in flight.
 
     Parameters
@@ -229,12 +238,21 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
     base
         Address of the tree.
     rays, mode
-        As for :func:`tracer.rays.single.trace_single`.
+        As for :func:`tracer.rays.single.trace_single`. Without meaning for rays of a packet.
+    shading
+        0: the rays are those of arrays. Else their packet's address, and more as :mod:`tracer.rays.leaf_four` says.
     listed
         Address of int64, the rays' numbers, of which start .. end are meant; 0: the numbers are start .. end.
     outputs
-        Addresses of what :func:`tracer.rays.single.trace_single` writes.
+        Addresses of what :func:`tracer.rays.single.trace_single` writes. Without meaning for rays of a packet.
+
+    Returns
+    -------
+    int64
+        A packet's rays that met something (ANY), or have no light left (DIM); else 0.
     """
+    packet = shading[0]
+    ended = _int64(0)
     wide = load(_int64, base + 8 * HEADER_WIDE_LEAVES)
     reach = reach_of(base)
     states = stack_memory(_ALL_STATES_BYTES)
@@ -245,7 +263,7 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
     free = stack_memory(_LIST_BYTES)
     found = stack_memory(_LIST_BYTES)
     ready = stack_memory(_LIST_BYTES)
-    rest = stack_memory(SCRATCH_BYTES)
+    rest = stack_memory(_REST_BYTES)
     scratch = stack_memory(LEAF_SCRATCH_BYTES)
     stack_bytes = _stack_bytes(load(_int64, base + 8 * HEADER_DEPTH))
     for k in range(IN_FLIGHT):
@@ -262,7 +280,10 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
         while i < end and free_end >= free + 8 * LANES:
             free_end -= 8 * LANES
             count = min(end - i, LANES)
-            start_rays(free_end, base, reach, rays, i, count, listed, rest)
+            if packet != 0:
+                start_lanes(free_end, base, reach, packet, listed + 8 * i, count, mode, rest)
+            else:
+                start_rays(free_end, base, reach, rays, i, count, listed, rest)
             for k in range(count):
                 state = load(_int64, free_end + 8 * k)
                 store(state + s.STACK_TOP, load(_int64, state + s.STACK) + 4)
@@ -275,7 +296,7 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
             for k in range(count, LANES):  # behind the last ray
                 store(free_end + 8 * (k - count), load(_int64, free_end + 8 * k))
             free_end += 8 * (LANES - count)
-            if mode == CLOSEST:
+            if mode == CLOSEST and packet == 0:
                 _expect(outputs, load(_int64, listed + 8 * i) if listed != 0 else i)
             i += count
         while True:
@@ -298,7 +319,7 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
             first, last = found_end, found_end + 8 * count
             for place in range(last, first + 8 * RAYS, 8):
                 store(place, load(_int64, first))
-            visit_next(wide, base, first, count, scratch, mode)
+            visit_next(wide, base, first, count, scratch, mode, shading)
             for place in range(first, last, 8):
                 state = load(_int64, place)
                 candidates = load(_int64, state + s.CANDIDATES)
@@ -309,7 +330,11 @@ def follow(base: int, rays: Any, listed: int, start: int, end: int, mode: int, o
             nodes_end, leaves_end, done_end = _enlist(word, state, nodes_end, leaves_end, done_end)
         for place in range(done, done_end, 8):
             state = load(_int64, place)
-            finish(state, load(_int64, state + s.RAY_INDEX), mode, outputs)
+            if packet != 0:
+                ended |= finish_lane(state, packet, mode)
+            else:
+                finish(state, load(_int64, state + s.RAY_INDEX), mode, outputs)
             store(free_end, state)
             free_end += 8
         done_end = done
+    return ended

@@ -14,8 +14,8 @@ from tracer.accel.view import VIEW_BYTES, view_scene
 from tracer.accel.wide import build_wide
 from tracer.geometry.vector import at
 from tracer.jit import int64, kernel, pointer
-from tracer.rays.bundle import trace_bundle
-from tracer.rays.packet import ANY, CLOSEST, SHADE, trace_packet
+from tracer.rays.bundle import trace_alone, trace_bundle
+from tracer.rays.packet import ANY, CLOSEST, SHADE, UNLIMITED, trace_packet
 from tracer.rays.placed import trace_scene
 from tracer.rays.predicate import intersect_triangle, shear_of
 from tracer.rays.rows import (
@@ -38,6 +38,7 @@ from tracer.simd.gateway import types
 from tracer.types import MATERIAL_KT, N_MATERIAL, Vec3
 
 _float64, _int64 = types.float64, types.int64
+WAYS = ("bundle", "packet", "alone", "given up")
 MODES = {"closest": CLOSEST, "any": ANY, "shade": SHADE}
 
 
@@ -85,17 +86,23 @@ def _put_rays(packet, origins, directions, ends, skips, lanes):
 
 
 @kernel
-def _follow(tree, memory, rays, lanes, mode, together, table, face_material, numbers, primitives):
+def _follow(tree, memory, rays, lanes, mode, way, budget, table, face_material, numbers, primitives):
     """One packet; ``numbers`` (n, 6) takes t, u, v and the light."""
     origins, directions, ends, skips = rays
     packet = (address_of(memory) + 63) & ~63
     active = _put_rays(packet, origins, directions, ends, skips, lanes)
     base, kt, faces = address_of(tree), address_of(table), address_of(face_material)
     ended = int64(0)
-    if together:
-        ended = trace_packet(base, packet, active, mode, kt, faces, int64(24))
-    else:
+    left = active
+    if way == 0:
         ended = trace_bundle(base, packet, active, mode, kt, faces, int64(24))
+        left = int64(0)
+    elif way == 1:
+        ended, left = trace_packet(base, packet, active, mode, kt, faces, int64(24), int64(UNLIMITED))
+    elif way == 3:
+        ended, left = trace_packet(base, packet, active, mode, kt, faces, int64(24), int64(budget))
+    if left != 0:
+        ended |= trace_alone(base, packet, left, mode, kt, faces, int64(24))
     for k in range(lanes.shape[0]):
         ray = packet + 8 * lanes[k]
         numbers[k, 0] = load(_float64, ray + T_BEST)
@@ -121,11 +128,12 @@ def clutter(seed=0):
 
 
 def follow(
-    tree, origins, directions, ends=np.inf, skips=-1, *, mode="closest", wide=False, size=PACKET, kt=None, seed=0
+    tree, origins, directions, ends=np.inf, skips=-1, *, mode="closest", way="bundle", size=PACKET, kt=None, seed=0
 ):
     """Trace rays ``size`` at a time, in lanes drawn at random.
 
-    ``wide``: through `trace_packet`, whoever has the same axis together; else through `trace_bundle`. ``kt`` is
+    ``way``: through `trace_packet`, whoever has the same axis together; through `trace_bundle`; through `follow_packet`;
+    or through `trace_packet` until it has cost a little work, drawn at random, and then `follow_packet`. ``kt`` is
     (n_faces, 3), for "shade".
     """
     n = len(origins)
@@ -137,7 +145,8 @@ def follow(
     table = np.ones((1, 3)) if kt is None else np.ascontiguousarray(kt, np.float64)
     face_material = np.arange(len(table), dtype=np.int32)
     numbers, primitives, ended = np.empty((n, 6)), np.empty(n, np.int64), np.zeros(n, bool)
-    kind = axis_of(directions) if wide else np.zeros(n, int)
+    kind = axis_of(directions) if way in {"packet", "given up"} else np.zeros(n, int)
+    number = int64(WAYS.index(way))
     memory = clutter(seed)
     for which in np.unique(kind):
         chosen = np.flatnonzero(kind == which)
@@ -147,7 +156,17 @@ def follow(
             some_numbers, some_primitives = np.empty((len(k), 6)), np.empty(len(k), np.int64)
             rays = (origins[k], directions[k], ends[k], skips[k])
             bits = _follow(
-                tree.buffer, memory, rays, lanes, MODES[mode], wide, table, face_material, some_numbers, some_primitives
+                tree.buffer,
+                memory,
+                rays,
+                lanes,
+                MODES[mode],
+                number,
+                rng.integers(0, 99),
+                table,
+                face_material,
+                some_numbers,
+                some_primitives,
             )
             numbers[k], primitives[k] = some_numbers, some_primitives
             ended[k] = (np.int64(bits) >> lanes) & 1

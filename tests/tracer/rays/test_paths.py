@@ -10,7 +10,7 @@ from tracer.rays import RayCaster
 from tracer.rays.caster import CHUNK, Hits, checked_rays
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
 from tracer.rays.single import trace_single
-from tracer.rays.stream import IN_FLIGHT, follow, trace_stream
+from tracer.rays.stream import IN_FLIGHT, follow_all, trace_stream
 
 PATHS = {"single": trace_single, "stream": trace_stream}
 
@@ -194,7 +194,7 @@ def test_listed_rays():
     listed = np.random.default_rng(48).permutation(500)[:333].astype(np.int64)
     hits = Hits(np.full(500, -7.0), np.full(500, -7, np.int32), np.full(500, -7.0), np.full(500, -7.0))
     outputs = tuple(array.ctypes.data for array in hits)
-    follow(caster.bvh.buffer.ctypes.data, rays.packed, listed.ctypes.data, 3, 333, CLOSEST, outputs)
+    follow_all(caster.bvh.buffer.ctypes.data, rays.packed, (0, 0, 0, 0), listed.ctypes.data, 3, 333, CLOSEST, outputs)
     for one, other in zip(plain[:4], hits, strict=True):
         np.testing.assert_array_equal(one[listed[3:]], other[listed[3:]])
         assert (np.delete(other, listed[3:]) == -7).all()

@@ -40,9 +40,15 @@ def test_answers_do_not_depend_on_company_order_or_lane(mesh, mode):
     kt = 2.0 ** -rng.integers(0, 3, (len(faces), 3)) * (rng.random((len(faces), 3)) < 0.9)
     reference = follow(tree, origins, directions, ends, mode=mode, kt=kt)
     order = rng.permutation(n)
-    for size, seed, wide in ((64, 1, False), (1, 2, False), (3, 3, False), (50, 4, True), (7, 5, True)):
+    for size, seed, way in (
+        (64, 1, "bundle"),
+        (1, 2, "bundle"),
+        (50, 4, "packet"),
+        (7, 5, "alone"),
+        (60, 6, "given up"),
+    ):
         found = follow(
-            tree, origins[order], directions[order], ends[order], mode=mode, kt=kt, size=size, seed=seed, wide=wide
+            tree, origins[order], directions[order], ends[order], mode=mode, kt=kt, size=size, seed=seed, way=way
         )
         for one, other, name in zip(reference, found, reference._fields, strict=True):
             if name == "light" and mode != "shade":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.numerics.closed_meshes import AIMS, MESHES, by_brute_force, flat_boxes, rays_from_inside, sphere
-from tests.tracer.rays.packets import axis_of, brute_light, follow, tree_of
+from tests.tracer.rays.packets import WAYS, axis_of, brute_light, follow, tree_of
 from tracer.rays import RayCaster
 
 N_RAYS = 384
@@ -43,10 +43,10 @@ def check(tree, vertices, faces, origins, directions, **options):
     return found
 
 
-@pytest.mark.parametrize("wide", [False, True], ids=["bundle", "wide"])
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("offset", OFFSETS)
 @pytest.mark.parametrize("name", MESHES)
-def test_closed_meshes_lose_no_ray(name, offset, wide):
+def test_closed_meshes_lose_no_ray(name, offset, way):
     vertices, faces, centre, reach = placed(name, offset)
     tree = tree_of(vertices, faces)
     rng = np.random.default_rng(41)
@@ -54,7 +54,7 @@ def test_closed_meshes_lose_no_ray(name, offset, wide):
         origins, directions = rays_from_inside(vertices, faces, aim, N_RAYS, rng, centre, reach)
         usable = np.abs(directions).max(1) > 0
         directions = unit(directions[usable])
-        found = check(tree, vertices, faces, origins[usable], directions, wide=wide)
+        found = check(tree, vertices, faces, origins[usable], directions, way=way)
         assert (found.primitive >= 0).all(), aim
 
 
@@ -64,7 +64,7 @@ def test_scales(scale):
     rng = np.random.default_rng(42)
     for aim in AIMS:
         origins, directions = rays_from_inside(vertices, faces, aim, 192, rng, centre, reach)
-        check(tree_of(vertices, faces), vertices, faces, origins, unit(directions), wide=True)
+        check(tree_of(vertices, faces), vertices, faces, origins, unit(directions), way="packet")
 
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "fan"])
@@ -75,8 +75,8 @@ def test_float32_leaves(name):
     rng = np.random.default_rng(43)
     for aim in AIMS:
         origins, directions = rays_from_inside(vertices, faces, aim, 192, rng, centre, reach)
-        for wide in (False, True):
-            check(tree, vertices, faces, origins, unit(directions), wide=wide)
+        for way in WAYS:
+            check(tree, vertices, faces, origins, unit(directions), way=way)
 
 
 def pencils(vertices, faces, rng, n_pencils, spread, distance):
@@ -103,12 +103,12 @@ def test_pencils_from_outside(spread, distance):
     tree = tree_of(vertices, faces)
     rng = np.random.default_rng(44)
     origins, directions = pencils(vertices, faces, rng, 12, spread, distance)
-    found = check(tree, vertices, faces, origins, directions, wide=True)
+    found = check(tree, vertices, faces, origins, directions, way="packet")
     assert (found.primitive >= 0).mean() > 0.4
     kt = 2.0 ** -rng.integers(0, 3, (len(faces), 3))
     light, counts = brute_light(vertices, faces, origins, directions, kt=kt)
     assert (counts % 2 == 0).all()
-    np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, wide=True).light, light)
+    np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, way="packet").light, light)
 
 
 def test_from_far_away():
@@ -117,8 +117,8 @@ def test_from_far_away():
     rng = np.random.default_rng(45)
     origins = unit(rng.standard_normal((512, 3))) * 10.0 ** rng.uniform(1, 10, (512, 1))
     directions = unit(vertices[rng.integers(0, len(vertices), 512)] - origins)
-    for wide in (False, True):
-        check(tree_of(vertices, faces), vertices, faces, origins, directions, wide=wide)
+    for way in WAYS:
+        check(tree_of(vertices, faces), vertices, faces, origins, directions, way=way)
 
 
 def test_specks():
@@ -129,8 +129,8 @@ def test_specks():
     faces = np.arange(3 * n, dtype=np.int32).reshape(-1, 3)
     origins = np.repeat(rng.uniform(-1, 1, (n, 3)), 2, 0)
     directions = unit(np.repeat(vertices.reshape(-1, 3, 3).mean(1), 2, 0) - origins)
-    for wide in (False, True):
-        found = check(tree_of(vertices, faces), vertices, faces, origins, directions, wide=wide, size=2)
+    for way in WAYS:
+        found = check(tree_of(vertices, faces), vertices, faces, origins, directions, way=way, size=2)
         assert (found.primitive >= 0).mean() > 0.9
 
 
@@ -141,8 +141,8 @@ def test_from_where_float64_does_not_resolve_the_mesh():
     axis = rng.integers(0, 3, 384)
     directions[np.arange(384), axis] = 1.0
     origins[np.arange(384), axis] = -(10.0 ** rng.uniform(13, 99, 384))
-    for wide in (False, True):
-        found = check(tree_of(vertices, faces), vertices, faces, origins, directions, wide=wide)
+    for way in WAYS:
+        found = check(tree_of(vertices, faces), vertices, faces, origins, directions, way=way)
         assert (found.primitive >= 0).all()
 
 
@@ -155,8 +155,8 @@ def test_axis_parallel_rays_in_the_planes_of_flat_boxes():
     directions = rng.choice(values, (4000, 3))
     directions = directions[np.abs(directions).max(1) == 1]  # the caster counts t so: even denormals are alike
     origins = rng.choice([-1.0, -0.5, 0.0, 0.25, 1.0, -2.0], (len(directions), 3))
-    for wide in (False, True):
-        found = check(tree, vertices, faces, origins, directions, wide=wide)
+    for way in WAYS:
+        found = check(tree, vertices, faces, origins, directions, way=way)
     assert (found.primitive >= 0).mean() > 0.2
 
 
@@ -173,12 +173,12 @@ def test_origins_on_the_surface():
     weights /= weights.sum(1, keepdims=True)
     origins = np.einsum("nk,nkc->nc", weights, vertices[faces[chosen]])
     directions = unit(rng.standard_normal((n, 3)))
-    check(tree, vertices, faces, origins, directions, wide=True)
+    check(tree, vertices, faces, origins, directions, way="packet")
     kt = 2.0 ** -rng.integers(0, 3, (len(faces), 3))
     for skips in (chosen, chosen[0], -1):
         light, _ = brute_light(vertices, faces, origins, directions, skips=skips, kt=kt)
-        for wide in (False, True):
-            found = follow(tree, origins, directions, skips=skips, mode="shade", kt=kt, wide=wide)
+        for way in WAYS:
+            found = follow(tree, origins, directions, skips=skips, mode="shade", kt=kt, way=way)
             np.testing.assert_array_equal(found.light, light)
 
 
@@ -207,19 +207,19 @@ def test_ends():
     keep = first.primitive >= 0
     origins, directions, t = origins[keep], directions[keep], first.t[keep]
     kt = 2.0 ** -rng.integers(0, 3, (len(faces), 3))
-    for wide in (False, True):
-        at_hit = follow(tree, origins, directions, t, wide=wide)
+    for way in WAYS:
+        at_hit = follow(tree, origins, directions, t, way=way)
         assert (at_hit.primitive == -1).all()
         np.testing.assert_array_equal(at_hit.t, t)  # the end stays where nothing was met before it
-        assert not follow(tree, origins, directions, t, mode="any", wide=wide).ended.any()
+        assert not follow(tree, origins, directions, t, mode="any", way=way).ended.any()
         beyond = np.nextafter(t, np.inf)
-        np.testing.assert_array_equal(follow(tree, origins, directions, beyond, wide=wide).t, t)
-        assert follow(tree, origins, directions, beyond, mode="any", wide=wide).ended.all()
+        np.testing.assert_array_equal(follow(tree, origins, directions, beyond, way=way).t, t)
+        assert follow(tree, origins, directions, beyond, mode="any", way=way).ended.all()
         for ends in (t, beyond, t * rng.uniform(0.5, 4, len(t)), 1e-300, np.where(rng.random(len(t)) < 0.5, t, np.inf)):
             light, counts = brute_light(vertices, faces, origins, directions, ends, kt=kt)
-            found = follow(tree, origins, directions, ends, mode="shade", kt=kt, wide=wide)
+            found = follow(tree, origins, directions, ends, mode="shade", kt=kt, way=way)
             np.testing.assert_array_equal(found.light, light)
-            met = follow(tree, origins, directions, ends, mode="any", wide=wide).ended
+            met = follow(tree, origins, directions, ends, mode="any", way=way).ended
             np.testing.assert_array_equal(met, counts > 0)
 
 
@@ -237,8 +237,8 @@ def test_light_through_closed_meshes(name):
         directions = unit(directions)
         light, counts = brute_light(vertices, faces, origins, directions, kt=kt)
         assert (counts % 2 == 1).all()
-        for wide in (False, True):
-            found = follow(tree, origins, directions, mode="shade", kt=kt, wide=wide)
+        for way in WAYS:
+            found = follow(tree, origins, directions, mode="shade", kt=kt, way=way)
             np.testing.assert_array_equal(found.light, light)
             np.testing.assert_array_equal(found.ended, (light == 0).all(1))
         dark += found.ended.sum()
@@ -255,10 +255,8 @@ def test_a_shadow_rays_length_is_its_own():
     kt = 2.0 ** -rng.integers(0, 3, (len(faces), 3))
     light, counts = brute_light(vertices, faces, origins, directions, 1.0, kt=kt)
     assert 0.2 < (counts > 0).mean() < 0.9
-    for wide in (False, True):
-        np.testing.assert_array_equal(
-            follow(tree, origins, directions, 1.0, mode="shade", kt=kt, wide=wide).light, light
-        )
+    for way in WAYS:
+        np.testing.assert_array_equal(follow(tree, origins, directions, 1.0, mode="shade", kt=kt, way=way).light, light)
 
 
 def test_degenerate_meshes():
@@ -274,12 +272,12 @@ def test_degenerate_meshes():
     origins = rng.normal(size=(512, 3)) * 2
     directions = unit(vertices[rng.integers(0, 60, 512)] - origins)
     tree = tree_of(vertices, faces)
-    for wide in (False, True):
-        found = check(tree, vertices, faces, origins, directions, wide=wide)
+    for way in WAYS:
+        found = check(tree, vertices, faces, origins, directions, way=way)
         assert not any(np.isnan(column).any() for column in found)
     kt = 2.0 ** -rng.integers(0, 2, (len(faces), 3))
     light, _ = brute_light(vertices, faces, origins, directions, kt=kt)
-    np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, wide=True).light, light)
+    np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, way="packet").light, light)
 
 
 def test_scaled_by_a_power_of_two():
@@ -287,10 +285,10 @@ def test_scaled_by_a_power_of_two():
     vertices, faces = sphere(12, 12)
     rng = np.random.default_rng(54)
     origins, directions = rng.normal(size=(256, 3)), unit(rng.normal(size=(256, 3)))
-    reference = follow(tree_of(vertices, faces), origins, directions, wide=True)
+    reference = follow(tree_of(vertices, faces), origins, directions, way="packet")
     for k in (-200, -60, 13, 200):
         factor = 2.0**k
-        found = follow(tree_of(vertices * factor, faces), origins * factor, directions, wide=True)
+        found = follow(tree_of(vertices * factor, faces), origins * factor, directions, way="packet")
         np.testing.assert_array_equal(found.primitive, reference.primitive)
         np.testing.assert_array_equal(found.t, reference.t * factor)
         np.testing.assert_array_equal([found.u, found.v], [reference.u, reference.v])
@@ -299,11 +297,11 @@ def test_scaled_by_a_power_of_two():
 def test_an_empty_tree():
     tree = tree_of(np.zeros((0, 3)), np.zeros((0, 3)))
     origins, directions = np.zeros((5, 3)), unit(np.ones((5, 3)))
-    for wide in (False, True):
-        found = follow(tree, origins, directions, wide=wide)
+    for way in WAYS:
+        found = follow(tree, origins, directions, way=way)
         assert (found.primitive == -1).all()
         assert np.isinf(found.t).all()
-        shaded = follow(tree, origins, directions, mode="shade", wide=wide)
+        shaded = follow(tree, origins, directions, mode="shade", way=way)
         assert (shaded.light == 1).all()
         assert not shaded.ended.any()
 

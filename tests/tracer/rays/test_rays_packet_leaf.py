@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.numerics.closed_meshes import by_brute_force
-from tests.tracer.rays.packets import brute_light, follow, tree_of
+from tests.tracer.rays.packets import WAYS, brute_light, follow, tree_of
 from tracer.jit import int64, kernel
 from tracer.rays.beam import (
     BEAM_BYTES,
@@ -69,11 +69,11 @@ def test_leaves_of_any_size_decide_as_the_predicate_does(kind, n_triangles):
     times, primitives, _ = by_brute_force(vertices, faces, origins, directions)
     kt = 2.0 ** -rng.integers(1, 3, (n_triangles, 3))
     light, _ = brute_light(vertices, faces, origins, directions, kt=kt)
-    for wide in (False, True):
-        found = follow(tree, origins, directions, wide=wide)
+    for way in WAYS:
+        found = follow(tree, origins, directions, way=way)
         np.testing.assert_array_equal(found.primitive, primitives)
         np.testing.assert_array_equal(found.t, times)
-        np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, wide=wide).light, light)
+        np.testing.assert_array_equal(follow(tree, origins, directions, mode="shade", kt=kt, way=way).light, light)
     if kind == "inside":
         assert (primitives >= 0).mean() > 0.9
     if kind == "point":
