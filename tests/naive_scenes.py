@@ -210,13 +210,14 @@ def read_mesh(thing, matrix, material, materials):
 
 
 def read_model(thing, matrix, material, materials, model):
-    """Return a mesh for each group of triangles of a model: eight numbers a vertex, x y z nx ny nz u v, v upwards."""
+    """Return a mesh for each group of triangles of a model: eight numbers a vertex, x y z nx ny nz u v, v upwards.
+
+    Which side of a triangle is the outer one is told by these normals, whatever the order of its corners.
+    """
     if thing.get("normals", "file") != "file":
         raise NotImplementedError("the oracle takes a model's normals as the file has them")
     vertices = np.array(model["vertexdata"], dtype=float).reshape(-1, 8)
     faces = np.array(model["indexdata"]).reshape(-1, 3)
-    if np.linalg.det(matrix[:3, :3]) < 0.0:
-        faces = faces[:, [0, 2, 1]]  # keep the winding outward
     positions = vertices[:, :3] @ matrix[:3, :3].T + matrix[:3, 3]
     normals = vertices[:, 3:6] @ np.linalg.inv(matrix[:3, :3])
     groups = sorted(model["groups"].items(), key=lambda item: item[1])  # by their first triangles

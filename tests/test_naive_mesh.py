@@ -10,7 +10,7 @@ import pytest
 from scenes import make_mini_cornell
 from tests import agreement, naive
 from tests.kernel_pictures import positions_at
-from tests.naive_mesh import Mesh
+from tests.naive_mesh import Mesh, meets
 from tests.naive_scenes import read_assets, read_document
 from tracer.render import render_scene
 from tracer.scene import parse_scene
@@ -78,6 +78,19 @@ def test_the_same_bits_as_triangles_one_by_one(n):
         ours, theirs = mesh.surface(o, d, *at), single[k].surface(o, d, *at)
         for name in ("point", "normal", "geometric", "uv", "color"):
             assert np.array_equal(getattr(ours, name), getattr(theirs, name)), name
+
+
+def test_boxes():
+    """Rays through the box, past it, behind, out of reach; and along faces, where 0/0 tells nothing."""
+    o = np.array(
+        [
+            [0.5, 1.5, 0.5, 0.5, 0.0, 1.0, 0.0],
+            [0.5, 0.5, 0.5, 0.5, 0.5, 1.0, 2.0],
+            [-1.0, -1.0, 2.0, -3.0, -1.0, -1.0, -1.0],
+        ]
+    )
+    d = np.repeat([[0.0], [0.0], [1.0]], 7, axis=1)
+    assert meets([0, 0, 0], [1, 1, 1], o, d, 0.0, 2.0).tolist() == [True, False, False, False, True, True, False]
 
 
 def test_what_a_mesh_lacks():
