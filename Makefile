@@ -13,7 +13,7 @@ SELF := $(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolat
 PYTEST := $(PYTHON) -m pytest
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check seed mini bench-error bench-service bench-jobs bench-rays stress mutants lock warm clean
+.PHONY: help demo test check seed mini mini-check bench-error bench-service bench-jobs bench-rays stress mutants lock warm clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 16
@@ -54,6 +54,10 @@ seed: $(VENV)/dev.stamp ## render the nine seed images and compare them with the
 
 mini: $(VENV)/dev.stamp ## render the MINI, 3840 x 2160, 16 samples, through HTTP and the worker pool
 	@$(PYTHON) -m benchmarks.mini
+
+mini-check: $(VENV)/dev.stamp ## compare the MINI's picture with the oracle: leaks, acne, noise; two minutes
+	@$(PYTHON) -m client warm
+	@$(PYTHON) -m benchmarks.mini_check
 
 bench-error: $(VENV)/dev.stamp ## error against seconds, by sampler
 	@$(PYTHON) -m benchmarks.error

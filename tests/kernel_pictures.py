@@ -14,16 +14,22 @@ from tracer.types import BLOCK_PX, SAMPLER_INDEPENDENT, SAMPLER_SOBOL, SAMPLER_S
 SAMPLERS = {"independent": SAMPLER_INDEPENDENT, "stratified": SAMPLER_STRATIFIED, "sobol": SAMPLER_SOBOL}
 
 
+def positions_at(sampling, pixels):
+    """Return where the kernel takes the samples of some pixels, (n, 2) columns and rows: (2, n, samples) from the left and the top."""
+    kind, seed, samples = SAMPLERS[sampling["sampler"]], sampling["seed"], sampling["samples"]
+    result = np.empty((2, len(pixels), samples))
+    for i, (x, y) in enumerate(np.asarray(pixels).tolist()):
+        for k in range(samples):
+            u, v = sample_2d(kind, seed, x, y, k, samples, 0)
+            result[:, i, k] = x + u, y + v
+    return result
+
+
 def positions(doc):
     """Return where the kernel takes a document's samples: (2, height, width, samples) from the left and the top, in pixels."""
-    width, height, sampling = doc["image"]["width"], doc["image"]["height"], doc["sampling"]
-    result = np.empty((2, height, width, sampling["samples"]))
-    for y in range(height):
-        for x in range(width):
-            for k in range(sampling["samples"]):
-                u, v = sample_2d(SAMPLERS[sampling["sampler"]], sampling["seed"], x, y, k, sampling["samples"], 0)
-                result[:, y, x, k] = x + u, y + v
-    return result
+    width, height = doc["image"]["width"], doc["image"]["height"]
+    pixels = [(x, y) for y in range(height) for x in range(width)]
+    return positions_at(doc["sampling"], pixels).reshape(2, height, width, -1)
 
 
 def render_kernel(doc, resolve=None):

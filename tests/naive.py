@@ -77,8 +77,29 @@ def cramer(a, b, c, origin, direction, t_min=0.0, t_max=math.inf):
     return t, beta, gamma
 
 
+def solve(a, b, c, o, d, t_min, t_max):
+    """Same as cramer(), for arrays: masks stand for the early returns.
+
+    Each of the five has three members, x, y and z, that broadcast: numbers and arrays of rays, or columns of triangles against them.
+    """
+    a_, b_, c_ = (a[k] - b[k] for k in range(3))
+    d_, e_, f_ = (a[k] - c[k] for k in range(3))
+    g_, h_, i_ = d
+    j_, k_, l_ = (a[k] - o[k] for k in range(3))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        ei_hf, gf_di, dh_eg = e_ * i_ - h_ * f_, g_ * f_ - d_ * i_, d_ * h_ - e_ * g_
+        m = a_ * ei_hf + b_ * gf_di + c_ * dh_eg  # eq. 8
+        ak_jb, jc_al, bl_kc = a_ * k_ - j_ * b_, j_ * c_ - a_ * l_, b_ * l_ - k_ * c_
+        t = -(f_ * ak_jb + e_ * jc_al + d_ * bl_kc) / m  # eq. 7
+        gamma = (i_ * ak_jb + h_ * jc_al + g_ * bl_kc) / m  # eq. 6
+        beta = (j_ * ei_hf + k_ * gf_di + l_ * dh_eg) / m  # eq. 5
+        inside = (m != 0.0) & (t >= t_min) & (t <= t_max) & (gamma >= 0.0) & (beta >= 0.0) & (beta + gamma <= 1.0)
+    return inside, t, beta, gamma
+
+
 # ---------------------------------------------------------------------------------------------------------------------
-# primitives: each has hit(o, d, t_min, t_max) -> (mask, t, u, v) and surface(o, d, t, u, v) -> the facts that shading needs
+# primitives: each has hit(o, d, t_min, t_max) -> (mask, t, part, u, v), where a mesh tells in part which triangle it is,
+# and surface(o, d, t, part, u, v) -> the facts that shading needs
 
 
 @dataclasses.dataclass
@@ -105,26 +126,14 @@ class Triangle:
     colors: list | None = None
 
     def hit(self, o, d, t_min, t_max):
-        """Same as cramer(), for arrays of rays: masks stand for the early returns."""
-        a_, b_, c_ = (self.a[k] - self.b[k] for k in range(3))
-        d_, e_, f_ = (self.a[k] - self.c[k] for k in range(3))
-        g_, h_, i_ = d
-        j_, k_, l_ = (self.a[k] - o[k] for k in range(3))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            ei_hf, gf_di, dh_eg = e_ * i_ - h_ * f_, g_ * f_ - d_ * i_, d_ * h_ - e_ * g_
-            m = a_ * ei_hf + b_ * gf_di + c_ * dh_eg  # eq. 8
-            ak_jb, jc_al, bl_kc = a_ * k_ - j_ * b_, j_ * c_ - a_ * l_, b_ * l_ - k_ * c_
-            t = -(f_ * ak_jb + e_ * jc_al + d_ * bl_kc) / m  # eq. 7
-            gamma = (i_ * ak_jb + h_ * jc_al + g_ * bl_kc) / m  # eq. 6
-            beta = (j_ * ei_hf + k_ * gf_di + l_ * dh_eg) / m  # eq. 5
-            inside = (m != 0.0) & (t >= t_min) & (t <= t_max) & (gamma >= 0.0) & (beta >= 0.0) & (beta + gamma <= 1.0)
-        return inside, t, beta, gamma
+        inside, t, beta, gamma = solve(self.a, self.b, self.c, o, d, t_min, t_max)
+        return inside, t, np.zeros(t.shape, dtype=int), beta, gamma
 
     def crossings(self, o, d, t_min, t_max):
         """Return how often each ray goes through the surface between t_min and t_max."""
         return self.hit(o, d, t_min, t_max)[0].astype(int)
 
-    def surface(self, o, d, t, beta, gamma):
+    def surface(self, o, d, t, _part, beta, gamma):
         def interpolate(v):
             v = np.asarray(v, dtype=float)
             return (1.0 - beta - gamma) * v[0][:, None] + beta * v[1][:, None] + gamma * v[2][:, None]
@@ -277,14 +286,21 @@ class Scene:
 
 
 def closest_hit(scene, o, d):
-    """Brute force: index of the nearest primitive (-1: none; the first one wins a tie), t and the two coordinates."""
+    """Brute force: index of the nearest primitive (-1: none; the first one wins a tie), t, its part and the two coordinates."""
     n = d.shape[1]
-    index, t_hit, u_hit, v_hit = np.full(n, -1), np.full(n, np.inf), np.zeros(n), np.zeros(n)
+    index, t_hit, part_hit, u_hit, v_hit = (
+        np.full(n, -1),
+        np.full(n, np.inf),
+        np.zeros(n, int),
+        np.zeros(n),
+        np.zeros(n),
+    )
     for k, primitive in enumerate(scene.primitives):
-        hit, t, u, v = primitive.hit(o, d, scene.t_min, np.inf)
+        hit, t, part, u, v = primitive.hit(o, d, scene.t_min, np.inf)
         nearer = hit & (t < t_hit)
-        index[nearer], t_hit[nearer], u_hit[nearer], v_hit[nearer] = k, t[nearer], u[nearer], v[nearer]
-    return index, t_hit, u_hit, v_hit
+        index[nearer], t_hit[nearer] = k, t[nearer]
+        part_hit[nearer], u_hit[nearer], v_hit[nearer] = part[nearer], u[nearer], v[nearer]
+    return index, t_hit, part_hit, u_hit, v_hit
 
 
 def transmittance(scene, o, d, t_max):
@@ -304,11 +320,11 @@ def radiance(scene, o, d, depth=0):
     n = d.shape[1]
     color = np.repeat(vec(scene.background), n, axis=1)
     distance = np.full(n, np.inf)
-    index, t, u, v = closest_hit(scene, o, d)
+    index, t, part, u, v = closest_hit(scene, o, d)
     for k, primitive in enumerate(scene.primitives):
         (rays,) = np.nonzero(index == k)
         if rays.size:
-            at = primitive.surface(o[:, rays], d[:, rays], t[rays], u[rays], v[rays])
+            at = primitive.surface(o[:, rays], d[:, rays], t[rays], part[rays], u[rays], v[rays])
             distance[rays] = t[rays] * length(d[:, rays])
             color[:, rays] = shade(scene, primitive.material, at, d[:, rays], depth)
     return color, distance

@@ -4,11 +4,15 @@ Job: plain dicts in, ``tests.naive.Scene`` out. Invariant: nothing of ``tracer``
 written down here a second time. Source: ``seed/README.md`` in the data folder and the scene document's description.
 """
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from tests.naive import Camera, Light, Material, Scene, Texture, Triangle, cross, unit, vec
+from tests.naive_mesh import Mesh
 from tests.naive_shapes import Box, Cylinder, Disk, Plane, Sphere
 
 NONE = [0.0] * 3
@@ -51,10 +55,11 @@ def rgb(value):
     return [float(value)] * 3 if isinstance(value, int | float) else [float(c) for c in value]
 
 
-def read_document(doc, textures=None):
-    """Return the oracle's scene for a scene document v1 (a dict) without mesh assets.
+def read_document(doc, textures=None, models=None):
+    """Return the oracle's scene for a scene document v1 (a dict).
 
-    ``textures`` maps asset names to arrays (height, width, 3) of 8-bit levels. The oracle never cuts a path short:
+    ``textures`` maps asset names to arrays (height, width, 3) of 8-bit levels, ``models`` to objects of vertexdata,
+    indexdata and groups (the MINI's form; other files are not read here). The oracle never cuts a path short:
     integrator.min_throughput is ignored, as are sampler and seed (positions are given to ``render``) and the crop.
     """
     width, height = doc["image"]["width"], doc["image"]["height"]
@@ -69,7 +74,7 @@ def read_document(doc, textures=None):
         camera=read_camera(doc["camera"], width / height),
         width=width,
         height=height,
-        primitives=[p for thing in doc.get("objects", []) for p in read_object(thing, materials)],
+        primitives=[p for thing in doc.get("objects", []) for p in read_object(thing, materials, models or {})],
         lights=[read_light(light) for light in lights if light["type"] != "ambient"],
         ambient=list(ambient),
         background=rgb(doc.get("background", 0.0)),
@@ -77,6 +82,19 @@ def read_document(doc, textures=None):
         max_depth=integrator.get("max_depth", 3),
         samples=doc.get("sampling", {}).get("samples", 16),
     )
+
+
+def read_assets(doc, folder):
+    """Return the textures and the models of a document's assets for read_document, from files below a folder."""
+    textures, models = {}, {}
+    for name, asset in doc.get("assets", {}).items():
+        path = Path(folder) / asset["file"]
+        if path.suffix == ".json":
+            models[name] = json.loads(path.read_text())
+        else:
+            with Image.open(path) as image:
+                textures[name] = np.asarray(image.convert("RGB"))
+    return textures, models
 
 
 def read_camera(camera, aspect):
@@ -146,13 +164,15 @@ def read_transform(steps):
     return product
 
 
-def read_object(thing, materials):
+def read_object(thing, materials, models):
     """Return the primitives of one object."""
     matrix = read_transform(thing.get("transform"))
     material = materials[thing["material"]] if thing.get("material") else Material()
     kind = thing["type"]
     if kind == "mesh":
         return read_mesh(thing, matrix, material, materials)
+    if kind == "mesh_asset":
+        return read_model(thing, matrix, material, materials, models[thing["asset"]])
     if material.texture is not None:
         raise NotImplementedError("the oracle has no texture coordinates on shapes")
     shapes = {
@@ -187,3 +207,32 @@ def read_mesh(thing, matrix, material, materials):
         a, b, c = pick(positions)
         triangles.append(Triangle(a, b, c, of_face, pick(normals), pick(thing.get("uvs")), pick(thing.get("colors"))))
     return triangles
+
+
+def read_model(thing, matrix, material, materials, model):
+    """Return a mesh for each group of triangles of a model: eight numbers a vertex, x y z nx ny nz u v, v upwards.
+
+    Which side of a triangle is the outer one is told by these normals, whatever the order of its corners.
+    """
+    if thing.get("normals", "file") != "file":
+        raise NotImplementedError("the oracle takes a model's normals as the file has them")
+    vertices = np.array(model["vertexdata"], dtype=float).reshape(-1, 8)
+    faces = np.array(model["indexdata"]).reshape(-1, 3)
+    positions = vertices[:, :3] @ matrix[:3, :3].T + matrix[:3, 3]
+    normals = vertices[:, 3:6] @ np.linalg.inv(matrix[:3, :3])
+    groups = sorted(model["groups"].items(), key=lambda item: item[1])  # by their first triangles
+    if [first for _, (first, _) in groups] + [len(faces)] != [0] + [end for _, (_, end) in groups]:
+        raise NotImplementedError("the oracle wants each triangle in a group")
+    meshes = []
+    for name, (first, end) in groups:
+        of_group = (thing.get("materials") or {}).get(name)
+        corners = faces[first:end]
+        meshes.append(
+            Mesh(
+                positions[corners],
+                material if of_group is None else materials[of_group],
+                normals=normals[corners],
+                uvs=vertices[corners, 6:8],
+            )
+        )
+    return meshes

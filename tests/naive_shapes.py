@@ -31,14 +31,15 @@ class Shape:
             nearest = np.full(d.shape[1], np.inf)
             for t in self.roots(*self.local(o, d)):
                 nearest = np.where((t >= t_min) & (t <= t_max) & (t < nearest), t, nearest)
-        return np.isfinite(nearest), nearest, np.zeros_like(nearest), np.zeros_like(nearest)
+        nothing = np.zeros_like(nearest)
+        return np.isfinite(nearest), nearest, nothing.astype(int), nothing, nothing
 
     def crossings(self, o, d, t_min, t_max):
         """Return how often each ray goes through the surface between t_min and t_max (shadow rays pay kt each time)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return sum(((t >= t_min) & (t <= t_max)).astype(int) for t in self.roots(*self.local(o, d)))
 
-    def surface(self, o, d, t, _u, _v):
+    def surface(self, o, d, t, _part, _u, _v):
         lo, ld = self.local(o, d)
         normal = np.linalg.inv(self.matrix)[:3, :3].T @ self.outward(lo + t * ld)
         n = t.size

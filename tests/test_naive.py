@@ -18,7 +18,7 @@ def test_arrays_and_scalars_agree_on_triangles():
         weights = generator.dirichlet([1, 1, 1], size=20)
         o = generator.normal(size=(40, 3)) * 3
         d = np.concatenate([weights @ np.array([a, b, c]), generator.normal(size=(20, 3))]) - o
-        hit, t, beta, gamma = naive.Triangle(a, b, c, None).hit(o.T, d.T, 0.0, np.inf)
+        hit, t, _, beta, gamma = naive.Triangle(a, b, c, None).hit(o.T, d.T, 0.0, np.inf)
         assert hit[:20].all()
         for k in range(40):
             expected = naive.cramer(a, b, c, o[k], d[k])
@@ -61,10 +61,10 @@ def test_closed_shapes(name):
     o = (inside + 5 * generator.normal(size=(200, 3)) * [1, 1, 1]).T
     o = o[:, [implicit(p) > 0.1 for p in o.T]]
     d = inside[:, None] - o
-    hit, t, u, v = shape.hit(o, d, 1e-9, np.inf)
+    hit, t, part, u, v = shape.hit(o, d, 1e-9, np.inf)
     assert hit.all()
     assert (t < 1).all()
-    at = shape.surface(o, d, t, u, v)
+    at = shape.surface(o, d, t, part, u, v)
     assert max(abs(implicit(p)) for p in at.point.T) < 1e-12
     assert (naive.dot(at.normal, d) < 0).all()
     step = 1e-4 * naive.unit(at.normal)
@@ -76,7 +76,7 @@ def test_closed_shapes(name):
 
 def test_flat_shapes():
     o, d = np.array([[0.3, 2.0], [0.4, 0.0], [5.0, 5.0]]), np.array([[0.0, 0.0], [0.0, 0.0], [-2.0, -2.0]])
-    hit, t, _, _ = Plane(None, np.eye(4), [9, 9, 1], [0, 0, 2]).hit(o, d, 0.0, np.inf)
+    hit, t, _, _, _ = Plane(None, np.eye(4), [9, 9, 1], [0, 0, 2]).hit(o, d, 0.0, np.inf)
     assert hit.all()
     assert t.tolist() == [2.0, 2.0]
     assert Disk(None, np.eye(4), [0, 0, 1], [0, 0, -1], 0.5).hit(o, d, 0.0, np.inf)[0].tolist() == [True, False]
@@ -293,9 +293,9 @@ def test_a_ball_of_glass_bends_the_view():
     scene.background = [1.0, 1.0, 1.0]
     o, d = np.array([[h], [0.0], [0.0]]), np.array([[0.0], [0.0], [-1.0]])
     for inwards in (True, False):
-        index, t, u, v = naive.closest_hit(scene, o, d)
+        index, t, part, u, v = naive.closest_hit(scene, o, d)
         assert index[0] == 0
-        at = scene.primitives[0].surface(o, d, t, u, v)
+        at = scene.primitives[0].surface(o, d, t, part, u, v)
         facing = naive.unit(at.normal if inwards else -at.normal)
         d = naive.refract(d, facing, np.array([1 / eta if inwards else eta]))
         o = at.point
