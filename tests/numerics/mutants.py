@@ -107,9 +107,9 @@ MUTANTS = [
     Mutant(
         "least-id-lost",
         "N4",
-        "rays/leaf.py",
-        "t < best or (t == best and primitive <",
-        "t < best or (False and primitive <",
+        "rays/leaf_four.py",
+        "t == best and primitive <",
+        "False and primitive <",
     ),
     Mutant(
         "least-id-lost-in-packets",
@@ -287,8 +287,8 @@ MUTANTS = [
         "fixed-offset",  # an epsilon of 1e-4 instead of the derived bound
         "N9",
         "rays/spawn.py",
-        "    distance = abs(normal.x) * error.x + abs(normal.y) * error.y + abs(normal.z) * error.z\n",
-        "    distance = 1e-4\n",
+        "    distance = absolute(normal.x) * error.x + absolute(normal.y) * error.y + absolute(normal.z) * error.z\n",
+        "    distance = splat(VECTOR, 1e-4)\n",
     ),
     Mutant(
         "no-offset",

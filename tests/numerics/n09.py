@@ -14,13 +14,13 @@ from row import Row
 
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.placements import place, random_turn, rows_of
+from tests.tracer.rays.spawning import offset_origin
 from tests.tracer.shading.hits import meet
 from tracer.geometry.shapes import cross_shape, locate_on_shape
 from tracer.geometry.vector import subtract
 from tracer.jit import kernel
 from tracer.rays import RayCaster
 from tracer.rays.rows import PACKET
-from tracer.rays.spawn import offset_origin
 from tracer.render.tiny import make_scene
 from tracer.shading.rows import ERROR, GEOMETRIC, POSITION
 from tracer.types import MATERIAL_A, MATERIAL_ETA, N_MATERIAL, SHAPE_SPHERE, Vec3

@@ -6,10 +6,10 @@ Also when it starts where it entered, offset by the bound. Oracle: the ray aims 
 import numpy as np
 from row import Row
 
+from tests.tracer.rays.spawning import offset_origin
 from tracer.geometry.shapes import cross_shape, locate_on_shape
 from tracer.geometry.vector import subtract
 from tracer.jit import kernel
-from tracer.rays.spawn import offset_origin
 from tracer.types import SHAPE_SPHERE, Vec3
 
 

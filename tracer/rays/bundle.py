@@ -11,19 +11,16 @@ Invariant: how rays are parted changes the time, not an answer (:mod:`tracer.ray
 from typing import Any, Final
 
 from tracer.accel.layout import FRAME_SCALE
-from tracer.jit import inline, kernel
+from tracer.jit import kernel
+from tracer.rays.company import companions
 from tracer.rays.leaf import DIM
 from tracer.rays.packet import MODES, SHADE, trace_packet
-from tracer.rays.rows import AXIS, INTEGERS, LANES, NIBBLE, ORIGIN, ROW, SHEAR, STEP, VECTOR, VECTORS
+from tracer.rays.rows import ROW
 from tracer.rays.stream import follow_all
 from tracer.simd import (
-    absolute,
     count_trailing_zeros,
     load,
-    mask_to_bits,
-    maximum,
     population_count,
-    splat,
     stack_memory,
     stand_alone,
     store,
@@ -37,29 +34,6 @@ _NEAR: Final = 2.0**-5  # of origins, in frame units (the scene is 1 to 2 wide)
 _ALIKE: Final = 2.0**-4  # of slopes
 _FEWEST: Final = 8  # rays that make a packet
 _PATIENCE: Final = 16  # work a ray, about what it costs alone
-
-
-@inline
-def _companions(packet: int, lanes: int, first: int, near: float) -> Any:
-    """Return the rays of a set that go well with its ray ``first``."""
-    ray = packet + 8 * first
-    axis = splat(INTEGERS, load(_int64, ray + AXIS))
-    x, y = splat(VECTOR, load(_float64, ray + ORIGIN)), splat(VECTOR, load(_float64, ray + ORIGIN + ROW))
-    z = splat(VECTOR, load(_float64, ray + ORIGIN + 2 * ROW))
-    sx, sy = splat(VECTOR, load(_float64, ray + SHEAR)), splat(VECTOR, load(_float64, ray + SHEAR + ROW))
-    chosen = _int64(0)
-    reach, alike = splat(VECTOR, near), splat(VECTOR, _ALIKE)
-    for i in range(VECTORS):
-        if (lanes >> (LANES * i)) & NIBBLE == 0:
-            continue
-        at = packet + STEP * i
-        apart = maximum(absolute(load(VECTOR, at + ORIGIN) - x), absolute(load(VECTOR, at + ORIGIN + ROW) - y))
-        apart = maximum(apart, absolute(load(VECTOR, at + ORIGIN + 2 * ROW) - z))
-        turned = maximum(absolute(load(VECTOR, at + SHEAR) - sx), absolute(load(VECTOR, at + SHEAR + ROW) - sy))
-        good = mask_to_bits((apart <= reach) & (turned <= alike))
-        good &= mask_to_bits(load(INTEGERS, at + AXIS) == axis)
-        chosen |= good << (LANES * i)
-    return (chosen & lanes) | (_int64(1) << first)
 
 
 @kernel
@@ -88,7 +62,7 @@ def trace_bundle(base: int, packet: int, lanes: int, mode: int, kt: int, face_ma
     ended = alone = _int64(0)
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
     while lanes != 0:
-        chosen = _companions(packet, lanes, count_trailing_zeros(lanes), near)
+        chosen = companions(packet, lanes, near, _ALIKE)
         lanes &= ~chosen
         n = population_count(chosen)
         if n < _FEWEST:

@@ -8,21 +8,18 @@ from typing import Any, Final
 import numpy as np
 
 from tracer.accel.layout import FRAME_SCALE
-from tracer.jit import inline, kernel
+from tracer.jit import kernel
+from tracer.rays.company import companions
 from tracer.rays.leaf import CLOSEST
-from tracer.rays.rows import AXIS, INTEGERS, LANES, ORIGIN, PACKET, ROW, SHEAR, STEP, VECTOR, VECTORS
+from tracer.rays.rows import LANES, PACKET
 from tracer.rays.stream import follow
 from tracer.rays.tile import TILE_BYTES, expect_outputs, finish_any, finish_closest, prepare_tile, ray_of, start_tile
 from tracer.rays.tile_trace import trace_tile
 from tracer.simd import (
-    absolute,
     address_of,
     count_trailing_zeros,
     load,
-    mask_to_bits,
-    maximum,
     population_count,
-    splat,
     store,
 )
 from tracer.simd.gateway import types
@@ -37,27 +34,6 @@ _ALIKE: Final = 0.125  # of slopes
 _FEWEST: Final = 16  # rays that travel together
 _PATIENCE: Final = 20  # work a ray after which a tile is given up
 _LONGEST: Final = 15  # tiles that are not tried after several in a row were given up
-
-
-@inline
-def _companions(tile: int, lanes: int, near: float) -> Any:
-    """Return the rays of a set that go well with its first one."""
-    first = count_trailing_zeros(lanes)
-    ray = tile + 8 * first
-    axis = splat(INTEGERS, load(_int64, ray + AXIS))
-    x, y = splat(VECTOR, load(_float64, ray + ORIGIN)), splat(VECTOR, load(_float64, ray + ORIGIN + ROW))
-    z = splat(VECTOR, load(_float64, ray + ORIGIN + 2 * ROW))
-    sx, sy = splat(VECTOR, load(_float64, ray + SHEAR)), splat(VECTOR, load(_float64, ray + SHEAR + ROW))
-    chosen = _int64(0)
-    reach, alike = splat(VECTOR, near), splat(VECTOR, _ALIKE)
-    for i in range(VECTORS):
-        at = tile + STEP * i
-        apart = maximum(absolute(load(VECTOR, at + ORIGIN) - x), absolute(load(VECTOR, at + ORIGIN + ROW) - y))
-        apart = maximum(apart, absolute(load(VECTOR, at + ORIGIN + 2 * ROW) - z))
-        turned = maximum(absolute(load(VECTOR, at + SHEAR) - sx), absolute(load(VECTOR, at + SHEAR + ROW) - sy))
-        good = mask_to_bits((apart <= reach) & (turned <= alike) & (load(INTEGERS, at + AXIS) == axis))
-        chosen |= good << (LANES * i)
-    return (chosen & lanes) | (_int64(1) << first)
 
 
 @kernel
@@ -97,7 +73,7 @@ def _trace(
                 expect_outputs(outputs, first, across, shift)
             met = rest = _int64(0)
             while left != 0:
-                chosen = _companions(tile, left, near)
+                chosen = companions(tile, left, near, _ALIKE)
                 left &= ~chosen
                 count = population_count(chosen)
                 if count < _FEWEST:

@@ -1,7 +1,6 @@
-"""A leaf against a ray: `LANES` triangles at once, each decided as :mod:`tracer.rays.predicate` decides it.
+"""A leaf against a ray: eight triangles are sifted at once, and one is decided by :mod:`tracer.rays.predicate`.
 
-Invariant: a lane is accepted here only where the predicate would take its rounded branch, by the same floats in the
-same order; lanes that are not certain go to the scalar predicate itself. So t has the same bits on every path.
+Invariant: no triangle is sifted out that the predicate would say is met.
 """
 
 from typing import Any, Final
@@ -9,16 +8,15 @@ from typing import Any, Final
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.predicate import CERTAIN, TINY, intersect_triangle, weigh
+from tracer.rays.predicate import intersect_triangle
 from tracer.simd import (
     absolute,
     convert,
-    count_trailing_zeros,
-    float32x4,
     float32x8,
     float64x4,
     float64x8,
     from_bits,
+    insert,
     int32x8,
     load,
     mask_to_bits,
@@ -31,9 +29,6 @@ from tracer.simd import (
 )
 from tracer.simd.gateway import types
 
-LANES: Final = 4
-_vector: Final = float64x4  # of LANES lanes: one AVX2 register; eight lanes at once measured slower there
-_narrow: Final = float32x4
 _float32: Final = types.float32
 _float64: Final = types.float64
 _int32: Final = types.int32
@@ -46,16 +41,6 @@ COUNT: Final = 2
 DIM: Final = 3  # a packet's light is multiplied by what each surface lets through
 _INF: Final = float("inf")
 _SIGN_BIT: Final = -(2**31)
-
-# Scratch of `test_leaf`: t, U, V, W of each lane.
-TIMES: Final = 0
-WEIGHTS: Final = 8 * LANES
-LEAF_SCRATCH_BYTES: Final = 4 * 8 * LANES
-
-
-@inline
-def _spread(address: int) -> Any:
-    return splat(_vector, load(_float64, address))
 
 
 @inline
@@ -128,102 +113,9 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
 
 
 @inline
-def _rows(at: int, row: int, wide: int) -> Any:
-    """Load LANES values of one coordinate of a leaf's A, B and C."""
-    if wide != 0:
-        return load(_vector, at), load(_vector, at + 3 * row), load(_vector, at + 6 * row)
-    return (
-        convert(_float64, load(_narrow, at)),
-        convert(_float64, load(_narrow, at + 3 * row)),
-        convert(_float64, load(_narrow, at + 6 * row)),
-    )
-
-
-@inline
 def _value(address: int, wide: int) -> Any:
     """Load one value of a leaf's row."""
     return load(_float64, address) if wide != 0 else _float64(load(_float32, address))
-
-
-@inline
-def test_leaf(wide: int, leaf: int, n: int, first: int, state: int, scratch: int) -> Any:
-    """Test triangles first .. first + LANES of a leaf of n.
-
-    Parameters
-    ----------
-    wide
-        1: the leaf's rows are float64; 0: float32.
-    leaf
-        Address.
-    n, first
-        Triangles in the leaf; the first to test.
-    state
-        The ray's address.
-    scratch
-        Address of LEAF_SCRATCH_BYTES: t, U, V and W of each lane, where anything is met.
-
-    Returns
-    -------
-    tuple of int64
-        Bits of the lanes that are met within (tmin, tbest], and of those that the scalar predicate must decide.
-    """
-    row = n << (2 + wide)
-    place = leaf + (first << (2 + wide))
-    at_x = place + load(_int64, state + s.AXIS_X) * row
-    at_y = place + load(_int64, state + s.AXIS_Y) * row
-    at_z = place + load(_int64, state + s.AXIS_Z) * row
-    oz = _spread(state + s.ORIGIN_Z)
-    az, bz, cz = _rows(at_z, row, wide)
-    az, bz, cz = az - oz, bz - oz, cz - oz
-    shear_x = _spread(state + s.SHEAR_X)
-    ox = _spread(state + s.ORIGIN_X)
-    ax, bx, cx = _rows(at_x, row, wide)
-    ax = (ax - ox) - shear_x * az
-    bx = (bx - ox) - shear_x * bz
-    cx = (cx - ox) - shear_x * cz
-    shear_y = _spread(state + s.SHEAR_Y)
-    oy = _spread(state + s.ORIGIN_Y)
-    ay, by, cy = _rows(at_y, row, wide)
-    ay = (ay - oy) - shear_y * az
-    by = (by - oy) - shear_y * bz
-    cy = (cy - oy) - shear_y * cz
-    u = cx * by - cy * bx
-    v = ax * cy - ay * cx
-    w = bx * ay - by * ax
-    largest = maximum(
-        maximum(maximum(absolute(ax), absolute(ay)), maximum(absolute(bx), absolute(by))),
-        maximum(absolute(cx), absolute(cy)),
-    )
-    e = largest * largest * CERTAIN + TINY
-    low = minimum(u, minimum(v, w))
-    high = maximum(u, maximum(v, w))
-    possible = (low >= -e) | (high <= e)
-    present = (1 << min(n - first, LANES)) - 1
-    possible_bits = mask_to_bits(possible) & present
-    if possible_bits == 0:
-        return _int64(0), _int64(0)
-    certain = (low > e) | (high < -e)
-    shear_z = _spread(state + s.SHEAR_Z)
-    ta = shear_z * az
-    tb = shear_z * bz
-    tc = shear_z * cz
-    least = minimum(ta, minimum(tb, tc))
-    most = maximum(ta, maximum(tb, tc))
-    u, v, w = weigh(cx, cy, bx, by), weigh(ax, ay, cx, cy), weigh(bx, by, ax, ay)
-    t = ((u * ta + v * tb) + w * tc) / ((u + v) + w)
-    t = maximum(t, least)
-    t = minimum(t, most)
-    t_min = _spread(state + s.T_MIN)
-    t_best = _spread(state + s.T_BEST)
-    certain_bits = mask_to_bits(certain) & present
-    met = mask_to_bits((t > t_min) & (t <= t_best)) & certain_bits
-    unsure = mask_to_bits((most > t_min) & (least <= t_best)) & possible_bits & ~certain_bits
-    if met != 0:
-        store(scratch + TIMES, t)
-        store(scratch + WEIGHTS, u)
-        store(scratch + WEIGHTS + 8 * LANES, v)
-        store(scratch + WEIGHTS + 16 * LANES, w)
-    return met, unsure
 
 
 @inline
@@ -254,77 +146,33 @@ def _scalar(wide: int, leaf: int, n: int, lane: int, state: int) -> Any:
 
 
 @kernel
-def settle(wide: int, leaf: int, n: int, first: int, unsure: int, state: int, scratch: int) -> Any:
-    """Decide the unsure lanes by the scalar predicate; returns the bits that are met, their t, U, V, W in scratch."""
-    met = _int64(0)
-    while unsure != 0:
-        lane = count_trailing_zeros(unsure)
-        unsure &= unsure - 1
-        hit, t, u, v, w = _scalar(wide, leaf, n, first + lane, state)
-        if hit and t > load(_float64, state + s.T_MIN) and t <= load(_float64, state + s.T_BEST):
-            place = scratch + 8 * lane
-            store(place + TIMES, t)
-            store(place + WEIGHTS, u)
-            store(place + WEIGHTS + 8 * LANES, v)
-            store(place + WEIGHTS + 16 * LANES, w)
-            met |= _int64(1) << lane
-    return met
+def decide(wide: int, leaf: int, n: int, k: int, state: int) -> Any:
+    """Decide about triangle k of a leaf by the scalar predicate: (met within (tmin, tbest], t, U, V, W)."""
+    met, t, u, v, w = _scalar(wide, leaf, n, k, state)
+    return met and t > load(_float64, state + s.T_MIN) and t <= load(_float64, state + s.T_BEST), t, u, v, w
 
 
 @inline
-def take(wide: int, leaf: int, n: int, first: int, met: int, state: int, scratch: int, mode: int) -> bool:
-    """Note what the lanes that are met bring; True when the ray's answer changed."""
-    changed = False
-    ids = leaf + 9 * (n << (2 + wide)) + 4 * first
-    while met != 0:
-        lane = count_trailing_zeros(met)
-        met &= met - 1
-        t = load(_float64, scratch + TIMES + 8 * lane)
-        best = load(_float64, state + s.T_BEST)
-        if mode == COUNT:
-            if t < best:
-                store(state + s.BEST_ID, load(_int64, state + s.BEST_ID) + 1)
-            continue
-        word = _int64(load(_int32, ids + 4 * lane))
-        primitive = word >> ORDER_BITS
-        if t < best or (t == best and primitive < load(_int64, state + s.BEST_ID)):
-            store(state + s.BEST_ID, primitive if mode == CLOSEST else _int64(0))
-            store(state + s.BEST_ORDER, word & ((1 << ORDER_BITS) - 1))
-            u = load(_float64, scratch + WEIGHTS + 8 * lane)
-            v = load(_float64, scratch + WEIGHTS + 8 * (LANES + lane))
-            w = load(_float64, scratch + WEIGHTS + 8 * (2 * LANES + lane))
-            total = (u + v) + w
-            store(state + s.WEIGHTS, u / total)
-            store(state + s.WEIGHTS + 8, v / total)
-            store(state + s.WEIGHTS + 16, w / total)
-            store(state + s.T_BEST, t)
-            changed = True
-    return changed
+def word_of(wide: int, leaf: int, n: int, k: int) -> Any:
+    """Load a leaf's word of triangle k: id and vertex order."""
+    return _int64(load(_int32, leaf + 9 * (n << (2 + wide)) + 4 * k))
 
 
 @inline
-def visit_triangles(wide: int, leaf: int, n: int, left: int, state: int, scratch: int, mode: int) -> bool:
-    """Test the triangles of a leaf whose bits are set and note what they bring; True when the ray's answer changed.
-
-    Closest: the least (t, id) is kept in the state. Any: BEST_ID becomes 0. Count: BEST_ID, from -1, is increased.
-    """
-    changed = False
-    while left != 0:
-        first = count_trailing_zeros(left)
-        left &= ~(_int64((1 << LANES) - 1) << first)
-        met, unsure = test_leaf(wide, leaf, n, first, state, scratch)
-        if met | unsure != 0:
-            if unsure != 0:
-                met |= settle(wide, leaf, n, first, unsure, state, scratch)
-            if take(wide, leaf, n, first, met, state, scratch, mode):
-                changed = True
-    return changed
+def over_sum(u: float, v: float, w: float) -> Any:
+    """Return a hit's weights over their sum, as `keep` takes them."""
+    weights = insert(insert(splat(float64x4, u), 1, v), 2, w)
+    return weights / splat(float64x4, (u + v) + w)
 
 
 @inline
-def visit_leaf(wide: int, leaf: int, n: int, state: int, scratch: int, mode: int) -> bool:
-    """Test all triangles of a leaf; as `visit_triangles`."""
-    return visit_triangles(wide, leaf, n, sift_leaf(wide, leaf, n, state), state, scratch, mode)
+def keep(state: int, word: int, t: float, weights: Any) -> None:
+    """Keep a hit as the nearest so far; ``weights`` are U, V, W over their sum, and one that does not matter."""
+    store(state + s.WEIGHTS, weights)
+    store(state + s.BEST_ID, word >> ORDER_BITS)
+    store(state + s.BEST_ORDER, word & ((1 << ORDER_BITS) - 1))
+    store(state + s.T_BEST, t)
+    s.update_frame_best(state)
 
 
 @inline

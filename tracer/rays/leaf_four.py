@@ -15,7 +15,7 @@ from tracer.accel.emit import ORDER_BITS
 from tracer.accel.layout import UNIT
 from tracer.jit import inline
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, COUNT, DIM, TIMES, settle, take
+from tracer.rays.leaf import ANY, CLOSEST, COUNT, DIM, decide, keep, over_sum, word_of
 from tracer.rays.packet_shade import dim_lane
 from tracer.rays.predicate import CERTAIN, TINY, weigh
 from tracer.simd import (
@@ -108,10 +108,9 @@ def _stop(state: int) -> None:
 
 @inline
 def _next_word(wide: int, base: int, state: int) -> Any:
-    """Load the leaf's word of the ray's next candidate: id and vertex order."""
+    """Load the leaf's word of the ray's next candidate."""
     leaf, n = leaf_of(base, load(_int64, state + s.NODE))
-    lane = count_trailing_zeros(load(_int64, state + s.CANDIDATES))
-    return _int64(load(_int32, leaf + 9 * (n << (2 + wide)) + 4 * lane))
+    return word_of(wide, leaf, n, count_trailing_zeros(load(_int64, state + s.CANDIDATES)))
 
 
 @inline
@@ -132,7 +131,7 @@ def _dim(state: int, primitive: int, shading: Any) -> None:
 
 @inline
 def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int, shading: Any) -> None:
-    """Note a hit that is nearer than the ray's nearest so far; ``weights`` are three, and one that does not matter."""
+    """Note a hit that is the ray's nearest so far; ``weights`` as `keep` takes them."""
     if mode == COUNT:
         store(state + s.BEST_ID, load(_int64, state + s.BEST_ID) + 1)
         return
@@ -144,46 +143,39 @@ def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int, s
     elif mode == DIM:
         _dim(state, word >> ORDER_BITS, shading)
     else:
-        store(state + s.WEIGHTS, weights)
-        store(state + s.BEST_ID, word >> ORDER_BITS)
-        store(state + s.BEST_ORDER, word & ((1 << ORDER_BITS) - 1))
-        store(state + s.T_BEST, t)
-        s.update_frame_best(state)
+        keep(state, word, t, weights)
 
 
 @inline
-def _note_by_predicate(wide: int, base: int, state: int, scratch: int, mode: int, shading: Any) -> None:
+def _note_by_predicate(wide: int, base: int, state: int, mode: int, shading: Any) -> None:
     """Decide about the ray's next candidate by the scalar predicate, and note what it brings."""
     leaf, n = leaf_of(base, load(_int64, state + s.NODE))
-    first = count_trailing_zeros(load(_int64, state + s.CANDIDATES))
-    met = settle(wide, leaf, n, first, _int64(1), state, scratch)
-    primitive = _next_word(wide, base, state) >> ORDER_BITS
-    if met == 0 or primitive == _int64(load(_int32, state + s.SKIP)):
+    met, t, u, v, w = decide(wide, leaf, n, count_trailing_zeros(load(_int64, state + s.CANDIDATES)), state)
+    if not met:
         return
-    if mode == DIM:
-        if load(_float64, scratch + TIMES) < load(_float64, state + s.T_BEST):
-            _dim(state, primitive, shading)
-    elif take(wide, leaf, n, first, met, state, scratch, mode):
-        if mode == ANY:
-            _stop(state)
-        else:
-            s.update_frame_best(state)
+    best = load(_float64, state + s.T_BEST)
+    primitive = _next_word(wide, base, state) >> ORDER_BITS
+    if t < best or (mode == CLOSEST and t == best and primitive < load(_int64, state + s.BEST_ID)):
+        _note(wide, base, state, t, over_sum(u, v, w), mode, shading)
 
 
 @inline
-def visit_next(wide: int, base: int, places: int, count: int, scratch: int, mode: int, shading: Any) -> None:
-    """Test the next candidate of one to four rays and note what it brings, as `tracer.rays.leaf.visit_triangles`.
+def visit_next(wide: int, base: int, places: int, count: int, mode: int, shading: Any) -> None:
+    """Test the next candidate of one to four rays and note what it brings.
 
     Parameters
     ----------
-    wide, scratch, mode
-        As there; or DIM.
+    wide
+        1: the leaves' rows are float64; 0: float32.
     base
         Address of the tree.
     places
         Address of four int64, addresses of rays at leaves, with a candidate each; the same one may fill up the four.
     count
         How many of them are meant.
+    mode
+        CLOSEST: the least (t, id) is kept in the state. ANY: BEST_ID becomes 0. COUNT: BEST_ID, from -1, is increased.
+        DIM: the packet's light is multiplied, and BEST_ID becomes 0 when none is left.
     shading
         For DIM: addresses of the packet, of the first material's kt and of the faces' materials (int32), and the bytes
         from material to material.
@@ -241,4 +233,4 @@ def visit_next(wide: int, base: int, places: int, count: int, scratch: int, mode
     while rest != 0:
         lane = count_trailing_zeros(rest)
         rest &= rest - 1
-        _note_by_predicate(wide, base, load(_int64, places + 8 * lane), scratch, mode, shading)
+        _note_by_predicate(wide, base, load(_int64, places + 8 * lane), mode, shading)

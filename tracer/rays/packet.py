@@ -60,6 +60,7 @@ from tracer.rays.beam import (
     survey,
     survey_pencil,
 )
+from tracer.rays.children import push_children
 from tracer.rays.packet_corners import ACROSS, APART, coincide, judge_triangle
 from tracer.rays.packet_cut import cut_leaf
 from tracer.rays.packet_leaf import meet_triangle, meet_within
@@ -85,7 +86,6 @@ from tracer.simd import (
     minimum,
     multiply_add,
     population_count,
-    prefetch,
     splat,
     stack_memory,
     stand_alone,
@@ -143,27 +143,6 @@ def _skips(packet: int, active: int, primitive: int) -> Any:
     for i in range(VECTORS):
         same |= mask_to_bits(load(INTEGERS, packet + SKIP + STEP * i) == wanted) << (LANES * i)
     return same & active
-
-
-@inline
-def _push_many(base: int, hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first, and ask for their memory; returns the new top."""
-    bottom = top
-    while hits != 0:
-        lane = count_trailing_zeros(hits)
-        word = _int64(load(_int32, children + 4 * lane))
-        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
-        place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-        for line in range(_LINES):
-            prefetch(place + 64 * line)
-        hits &= hits - 1
-        slot = top
-        while slot > bottom and load(_int64, slot - 8) < entry:
-            store(slot, load(_int64, slot - 8))
-            slot -= 8
-        store(slot, entry)
-        top += 8
-    return top
 
 
 @kernel
@@ -314,7 +293,7 @@ def trace_packet(
                 word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
                 continue
             store(near, enter - nearest)
-            top = _push_many(base, hits, near, children, top) - 8
+            top = push_children(base, hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))

@@ -1,21 +1,21 @@
-"""One ray at a time through the wide tree: nearest children first, the rest postponed on a stack.
+"""One ray at a time through the wide tree, one triangle after the other by the predicate.
 
-A stack entry is ``bits(near) << 32 | child word``: non-negative floats order as their bits do, so one integer
-comparison orders children by distance, and drops an entry that a nearer hit has overtaken.
+No caller but the tests: what they hold the other paths against.
 
 Invariant: at most `STACK_ENTRIES` entries wait, which the builder's depth bound guarantees.
 """
 
 from typing import Any, Final
 
+from tracer.accel.emit import ORDER_BITS
 from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, CLOSEST, LEAF_SCRATCH_BYTES, finish, visit_leaf
+from tracer.rays.children import push_children
+from tracer.rays.leaf import ANY, CLOSEST, COUNT, decide, finish, keep, over_sum, word_of
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
-    count_trailing_zeros,
     float32x8,
     load,
     mask_to_bits,
@@ -30,6 +30,7 @@ from tracer.simd import (
 from tracer.simd.gateway import types
 
 _float32: Final = types.float32
+_float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 
@@ -47,41 +48,36 @@ def _spread(address: int) -> Any:
 
 
 @inline
-def _key(near: int, children: int, lane: int) -> Any:
-    return (_int64(load(_int32, near + 4 * lane)) << 32) | (_int64(load(_int32, children + 4 * lane)) & 0xFFFFFFFF)
-
-
-@inline
-def _word(entry: int) -> Any:
-    return _int64(_int32(entry))
-
-
-@inline
-def _push_many(hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first; returns the new top."""
-    bottom = top
-    while hits != 0:
-        entry = _key(near, children, count_trailing_zeros(hits))
-        hits &= hits - 1
-        slot = top
-        while slot > bottom and load(_int64, slot - 8) < entry:  # few are in place already
-            store(slot, load(_int64, slot - 8))
-            slot -= 8
-        store(slot, entry)
-        top += 8
-    return top
+def _visit_leaf(wide: int, base: int, word: int, state: int, mode: int) -> bool:
+    """Decide about all triangles of a leaf; tells whether the ray's answer changed."""
+    leaf, n = base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1
+    changed = False
+    for k in range(n):
+        met, t, u, v, w = decide(wide, leaf, n, k, state)
+        nearer = met and t < load(_float64, state + s.T_BEST)
+        if mode == CLOSEST:
+            face = word_of(wide, leaf, n, k)
+            if nearer or (met and face >> ORDER_BITS < load(_int64, state + s.BEST_ID)):
+                keep(state, face, t, over_sum(u, v, w))
+                changed = True
+        elif nearer and mode == COUNT:
+            store(state + s.BEST_ID, load(_int64, state + s.BEST_ID) + 1)
+        elif nearer:
+            store(state + s.BEST_ID, _int64(0))
+            return True
+    return changed
 
 
 @kernel
-def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int) -> None:
+def trace(base: int, state: int, stack: int, near: int, mode: int) -> None:
     """Follow a started ray to its answer, left in the state.
 
     Parameters
     ----------
     base
         Address of the tree.
-    state, stack, near, scratch
-        Addresses: the ray, `STACK_ENTRIES` int64, 8 float32, `LEAF_SCRATCH_BYTES`.
+    state, stack, near
+        Addresses: the ray, `STACK_ENTRIES` int64, 8 float32.
     mode
         CLOSEST, ANY or COUNT.
     """
@@ -127,40 +123,15 @@ def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int)
             children = node + NODE_CHILDREN
             if hits == 0:
                 break
-            i = count_trailing_zeros(hits)
-            rest = hits & (hits - 1)
-            if rest == 0:
-                word = _int64(load(_int32, children + 4 * i))
-                continue
             store(near, enter)
-            a = _key(near, children, i)
-            b = _key(near, children, count_trailing_zeros(rest))
-            rest &= rest - 1
-            if rest == 0:
-                store(top, max(a, b))
-                top += 8
-                word = _word(min(a, b))
-                continue
-            c = _key(near, children, count_trailing_zeros(rest))
-            rest &= rest - 1
-            if rest == 0:
-                low, high = min(a, b), max(a, b)
-                least, other = min(low, c), max(low, c)
-                store(top, max(high, other))
-                store(top + 8, min(high, other))
-                top += 16
-                word = _word(least)
-                continue
-            top = _push_many(hits, near, children, top) - 8
-            word = _word(load(_int64, top))
+            top = push_children(_int64(0), hits, near, children, top) - 8
+            word = _int64(_int32(load(_int64, top)))
         if word < 0:
             if word == END:
                 return
-            leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
-            if visit_leaf(wide, leaf, (word & 7) + 1, state, scratch, mode):
+            if _visit_leaf(wide, base, word, state, mode):
                 if mode == ANY:
                     return
-                s.update_frame_best(state)
                 best = load(_float32, state + s.F_BEST)
                 last = splat(float32x8, best)
                 limit = (_int64(to_bits(best)) << 32) | 0xFFFFFFFF
@@ -170,7 +141,7 @@ def trace(base: int, state: int, stack: int, near: int, scratch: int, mode: int)
             while entry > limit and entry != _END:
                 top -= 8
                 entry = load(_int64, top)
-        word = _word(entry)
+        word = _int64(_int32(entry))
 
 
 @kernel
@@ -201,7 +172,6 @@ def trace_single(
     rest = stack_memory(SCRATCH_BYTES)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
-    scratch = stack_memory(LEAF_SCRATCH_BYTES)
     for k in range(LANES):
         store(slots + 8 * k, states + k * s.STATE_BYTES)
     for i in range(start, end, LANES):
@@ -210,5 +180,5 @@ def trace_single(
         for k in range(count):
             state = states + k * s.STATE_BYTES
             if load(_int64, state + s.NODE) != END:
-                trace(base, state, stack, near, scratch, mode)
+                trace(base, state, stack, near, mode)
             finish(state, i + k, mode, outputs)

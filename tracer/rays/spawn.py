@@ -1,4 +1,4 @@
-"""Origins of rays that leave a surface.
+"""Origins of rays that leave a surface, four at a time.
 
 The origin is moved along the geometric normal, to the side on which the new ray goes, by the bound on the hit
 point's error and one representable number further: as little as keeps the ray from meeting the surface it left, at
@@ -7,43 +7,49 @@ any scale.
 Source: Pharr et al., "Physically Based Rendering" 6.8.6.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from tracer.geometry.rounding import EPSILON, SMALLEST
+from tracer.geometry.vector import dot
 from tracer.jit import inline
+from tracer.rays.rows import VECTOR
+from tracer.simd import absolute, select, splat
 from tracer.types import Vec3
 
 _SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
 
 
 @inline
-def away(value: float, towards: float) -> float:
+def away(value: Any, towards: Any) -> Any:
     """Next float64 after ``value`` in the direction of the sign of ``towards`` (or the one after it; Rump 2009).
 
     A zero ``towards`` leaves the value as it is.
     """
-    step = abs(value) * _SUCCESSOR + SMALLEST
-    if towards > 0.0:
-        return value + step
-    if towards < 0.0:
-        return value - step
-    return value
+    zero = splat(VECTOR, 0.0)
+    step = absolute(value) * splat(VECTOR, _SUCCESSOR) + splat(VECTOR, SMALLEST)
+    step = select(towards < zero, -step, step)
+    return select(towards == zero, value, value + step)
 
 
 @inline
-def offset_origin(position: Vec3, error: Vec3, normal: Vec3, direction: Vec3) -> Vec3:
-    """Origin of a ray from ``position`` along ``direction``.
+def offset_origin(position: Any, error: Any, normal: Any, direction: Any) -> Any:
+    """Origins of rays from ``position`` along ``direction``.
 
     Parameters
     ----------
-    position, error : hit point and the bound on each coordinate's error
-    normal : geometric normal, unit, either side
-    direction : of the new ray, any length
+    position, error
+        Hit points, and the bounds on each coordinate's error.
+    normal
+        Geometric normals, unit, either side.
+    direction
+        Of the new rays, any length.
+
+    Returns
+    -------
+    Vec3
+        As the parameters: of float64x4.
     """
-    distance = abs(normal.x) * error.x + abs(normal.y) * error.y + abs(normal.z) * error.z
-    if direction.x * normal.x + direction.y * normal.y + direction.z * normal.z < 0.0:
-        distance = -distance
-    x = distance * normal.x
-    y = distance * normal.y
-    z = distance * normal.z
+    distance = absolute(normal.x) * error.x + absolute(normal.y) * error.y + absolute(normal.z) * error.z
+    distance = select(dot(direction, normal) < splat(VECTOR, 0.0), -distance, distance)
+    x, y, z = distance * normal.x, distance * normal.y, distance * normal.z
     return Vec3(away(position.x + x, x), away(position.y + y, y), away(position.z + z, z))

@@ -17,7 +17,7 @@ from typing import Any, Final
 from tracer.accel.layout import HEADER_DEPTH, HEADER_WIDE_LEAVES, NODE_CHILDREN, NODE_WIDTH, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import CLOSEST, LEAF_SCRATCH_BYTES, finish, sift_leaf
+from tracer.rays.leaf import CLOSEST, finish, sift_leaf
 from tracer.rays.leaf_four import RAYS, leaf_of, visit_next
 from tracer.rays.packet_start import FOUR_BYTES, finish_lane, start_lanes
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
@@ -264,7 +264,6 @@ def follow_all(base: int, rays: Any, shading: Any, listed: int, start: int, end:
     found = stack_memory(_LIST_BYTES)
     ready = stack_memory(_LIST_BYTES)
     rest = stack_memory(_REST_BYTES)
-    scratch = stack_memory(LEAF_SCRATCH_BYTES)
     stack_bytes = _stack_bytes(load(_int64, base + 8 * HEADER_DEPTH))
     for k in range(IN_FLIGHT):
         state = states + k * s.STATE_BYTES
@@ -319,7 +318,7 @@ def follow_all(base: int, rays: Any, shading: Any, listed: int, start: int, end:
             first, last = found_end, found_end + 8 * count
             for place in range(last, first + 8 * RAYS, 8):
                 store(place, load(_int64, first))
-            visit_next(wide, base, first, count, scratch, mode, shading)
+            visit_next(wide, base, first, count, mode, shading)
             for place in range(first, last, 8):
                 state = load(_int64, place)
                 candidates = load(_int64, state + s.CANDIDATES)

@@ -22,6 +22,7 @@ from tracer.accel.layout import (
     UNIT,
 )
 from tracer.jit import inline, kernel
+from tracer.rays.children import push_children
 from tracer.rays.rows import AXIS
 from tracer.rays.tile_beam import (
     BEAM_BYTES,
@@ -80,24 +81,6 @@ _TRIANGLE: Final = 2
 @inline
 def _spread(value: float) -> Any:
     return splat(float32x8, _float32(value))
-
-
-@inline
-def _push_many(hits: int, near: int, children: int, top: int) -> int:
-    """Push all hit children, farthest first; returns the new top."""
-    bottom = top
-    while hits != 0:
-        lane = count_trailing_zeros(hits)
-        word = _int64(load(_int32, children + 4 * lane))
-        entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
-        hits &= hits - 1
-        slot = top
-        while slot > bottom and load(_int64, slot - 8) < entry:
-            store(slot, load(_int64, slot - 8))
-            slot -= 8
-        store(slot, entry)
-        top += 8
-    return top
 
 
 @kernel
@@ -201,7 +184,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
                 word = _int64(load(_int32, children + 4 * count_trailing_zeros(hits)))
                 continue
             store(near, enter - nearest)
-            top = _push_many(hits, near, children, top) - 8
+            top = push_children(_int64(0), hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
             leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))

@@ -7,7 +7,6 @@ shadow rays; `add_light` adds what arrives.
 import math
 from typing import Any, Final
 
-from tracer.geometry.rounding import EPSILON, SMALLEST
 from tracer.geometry.vector import add, at, dot, multiply, negate, scale
 from tracer.jit import inline, kernel
 from tracer.rays.predicate import shear_of
@@ -27,6 +26,7 @@ from tracer.rays.rows import (
     shear_lanes,
     spread_shear,
 )
+from tracer.rays.spawn import offset_origin
 from tracer.shading.lights import BEFORE_LIGHT
 from tracer.shading.rows import (
     ATTENUATION,
@@ -49,7 +49,6 @@ from tracer.shading.rows import (
 )
 from tracer.shading.solids import may_hide, pass_through
 from tracer.simd import (
-    absolute,
     all_lanes,
     any_lane,
     load,
@@ -88,26 +87,12 @@ _SKIPPED_SOLID: Final = COUNTERS.index("shadow_rays_skipped_solid")
 _FAINTEST: Final = 40.0 * math.log(2.0)
 _MOST_SQUARED: Final = 1024.0  # exponent of highlights that are found by squaring
 _INTEGER: Final = 2.0**52  # added to a number, shows its integer in the lowest bits
-_SUCCESSOR: Final = EPSILON * (1.0 + 2.0 * EPSILON)
-
-
-@inline
-def _away(value: Any, towards: Any) -> Any:
-    """As :func:`tracer.rays.spawn.away`, in lanes."""
-    zero = splat(VECTOR, 0.0)
-    step = absolute(value) * splat(VECTOR, _SUCCESSOR) + splat(VECTOR, SMALLEST)
-    step = select(towards < zero, -step, step)
-    return select(towards == zero, value, value + step)
 
 
 @inline
 def offset_origins(ray: int, direction: Any) -> Any:
-    """Origins of rays that leave four hits, as :func:`tracer.rays.spawn.offset_origin`."""
-    position, error, normal = vector_at(ray + POSITION), vector_at(ray + ERROR), vector_at(ray + GEOMETRIC)
-    distance = absolute(normal.x) * error.x + absolute(normal.y) * error.y + absolute(normal.z) * error.z
-    distance = select(dot(direction, normal) < splat(VECTOR, 0.0), -distance, distance)
-    x, y, z = distance * normal.x, distance * normal.y, distance * normal.z
-    return Vec3(_away(position.x + x, x), _away(position.y + y, y), _away(position.z + z, z))
+    """Origins of rays that leave four hits."""
+    return offset_origin(vector_at(ray + POSITION), vector_at(ray + ERROR), vector_at(ray + GEOMETRIC), direction)
 
 
 @inline

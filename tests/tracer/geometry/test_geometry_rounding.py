@@ -5,8 +5,8 @@ from fractions import Fraction
 
 import pytest
 
+from tests.tracer.rays.spawning import away
 from tracer.geometry.rounding import EPSILON, gamma
-from tracer.rays.spawn import away
 
 
 def test_gamma_bounds_a_chain_of_roundings():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.tracer.rays.packets import find_closest
+from tests.tracer.rays.spawning import offset_origin
 from tests.tracer.shading.hits import meet
 from tracer.geometry.shapes import locate_on_shape
-from tracer.rays.spawn import offset_origin
 from tracer.render.tiny import make_scene
 from tracer.shading.rows import ERROR, GEOMETRIC, POSITION
 from tracer.types import MATERIAL_A, N_MATERIAL, SHAPE_BOX, SHAPE_CYLINDER_CAPPED, SHAPE_SPHERE, Vec3

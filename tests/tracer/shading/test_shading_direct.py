@@ -6,12 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from tests.tracer.rays.spawning import offset_origin
 from tests.tracer.render.hand_made import material
 from tests.tracer.shading.hits import Packet, add, face
 from tracer.jit import kernel
 from tracer.rays.predicate import shear_of
 from tracer.rays.rows import AXIS, LIGHT, ORIGIN, PACKET, SHEAR, SKIP, SPEED, T_BEST, VECTOR
-from tracer.rays.spawn import offset_origin
 from tracer.render.tiny import make_scene
 from tracer.shading.direct import raise_cosine
 from tracer.shading.lights import BEFORE_LIGHT, shadow_ray
