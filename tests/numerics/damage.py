@@ -193,6 +193,20 @@ def value_at(document, path):
 _ODD = [None, True, "", "0", "\ud800", [], {}, [[]], [1, 2, 3], [0, 0, 0], {"type": "sphere"}, 10**400, float("nan")]
 _NUMBERS = [0, -0.0, 1, -1, 0.5, 90, 179.999, 1e-30, -1e-30, 9e-31, 1e30, -1e30, 1.1e30, 1e6, 1.1e6, 1e9, 1e-6, 1e-310]
 _NUMBERS += [5e-324, 1e154, 1e300, -1e308, float("inf"), -float("inf"), 2**31, 2**32 - 1, 2**53 + 1, 65_536, 32, 100, 0.01]
+_REACHES = ((-30, 30), (-12, 6), (-3, 3), (-30, 0), (0, 30))  # powers of ten
+
+
+def _stretch(document, rng):
+    """Put another number, however far from it, in the place of one that is not whole."""
+    found = [path for path in places(document) if isinstance(value_at(document, path), float)]
+    if not found:
+        return
+    path = found[rng.integers(len(found))]
+    parent, key = value_at(document, path[:-1]), path[-1]
+    if rng.random() < 0.3:
+        parent[key] = _NUMBERS[rng.integers(len(_NUMBERS))]
+    else:
+        parent[key] = float(parent[key] * 10.0 ** rng.uniform(*_REACHES[rng.integers(len(_REACHES))]))
 
 
 def _change(document, rng):
@@ -201,13 +215,6 @@ def _change(document, rng):
     path = found[rng.integers(len(found))]
     parent, key = value_at(document, path[:-1]), path[-1]
     value = parent[key]
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and rng.random() < 0.8:  # else few are ever asked whether they can be rendered
-        if rng.random() < 0.5:
-            parent[key] = _NUMBERS[rng.integers(len(_NUMBERS))]
-        else:
-            parent[key] = float(value * 10.0 ** rng.uniform(-30, 30)) * float(rng.choice([1, 1, -1]))
-        return
     match int(rng.integers(0, 6)):
         case 0:
             del parent[key]
@@ -225,9 +232,10 @@ def _change(document, rng):
 
 
 def damaged_document(document, rng):
-    """A copy with one to six changes, mostly of numbers."""
+    """A copy with one to eight changes: in most, of numbers alone, so that they are asked whether they can be rendered."""
     document = copy.deepcopy(document)
-    for _ in range(int(rng.choice([1, 2, 3, 6]))):
+    change = _stretch if rng.random() < 0.75 else _change
+    for _ in range(int(rng.choice([1, 2, 4, 8]))):
         if document:
-            _change(document, rng)
+            change(document, rng)
     return document
