@@ -98,7 +98,9 @@ def _gltf():
     gltf.tree |= {
         "images": [{"uri": uri}],
         "textures": [{"source": 0}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0.5, 1], "baseColorTexture": {"index": 0}}}],
+        "materials": [
+            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0.5, 1], "baseColorTexture": {"index": 0}}}
+        ],
         "nodes": [
             {"mesh": 0, "children": [1], "scale": [1, 2, 1], "rotation": [0, 0, 0, 1]},
             {"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0.5, 0, 0.2, 1]},
@@ -135,7 +137,7 @@ _WORDS = [0, 1, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F7FFFFF, 0xFFFFFFFF, 0x80
 
 def _replace_token(data, rng):
     """Another word in the place of one between blanks or commas."""
-    ends = [k for k, byte in enumerate(data) if byte in b" \n,:/[]{}\""] or [0]
+    ends = [k for k, byte in enumerate(data) if byte in b' \n,:/[]{}"'] or [0]
     at = int(rng.integers(len(ends)))
     begin, end = ends[at] + 1, ends[at + 1] if at + 1 < len(ends) else len(data)
     return data[:begin] + _TOKENS[rng.integers(len(_TOKENS))] + data[end:]
@@ -190,9 +192,25 @@ def value_at(document, path):
     return document
 
 
-_ODD = [None, True, "", "0", "\ud800", [], {}, [[]], [1, 2, 3], [0, 0, 0], {"type": "sphere"}, 10**400, float("nan")]
-_NUMBERS = [0, -0.0, 1, -1, 0.5, 90, 179.999, 1e-30, -1e-30, 9e-31, 1e30, -1e30, 1.1e30, 1e6, 1.1e6, 1e9, 1e-6, 1e-310]
-_NUMBERS += [5e-324, 1e154, 1e300, -1e308, float("inf"), -float("inf"), 2**31, 2**32 - 1, 2**53 + 1, 65_536, 32, 100, 0.01]
+_ODD = [
+    None,
+    True,
+    "",
+    "0",
+    "\ud800",
+    [],
+    {},
+    [[]],
+    [1, 2, 3],
+    [0, 0, 0],
+    {"type": "sphere"},
+    10**400,
+    float("nan"),
+    -1,
+]
+_INF = float("inf")
+_NUMBERS = [0, -0.0, 1, -1, 0.5, 90, 179.999, 1e-30, -1e-30, 9e-31, 1e30, -1e30, 1.1e30, 1e6, 1.1e6, 1e9, 1e-6]
+_NUMBERS += [1e-310, 5e-324, 1e154, 1e300, -1e308, _INF, -_INF, 2**31, 2**32 - 1, 2**53 + 1, 65_536, 32, 100, 0.01]
 _REACHES = ((-30, 30), (-12, 6), (-3, 3), (-30, 0), (0, 30))  # powers of ten
 
 

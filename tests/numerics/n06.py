@@ -196,5 +196,7 @@ def run(cases, seed=6):
         bundled += n_bundled
         total += n
         none += n - int(are_some.sum())
-    note = ", ".join(f"{name} {count}" for name, count in wrong.items()) + f"; {none:,} are none, {bundled:,} in packets"
+    note = (
+        ", ".join(f"{name} {count}" for name, count in wrong.items()) + f"; {none:,} are none, {bundled:,} in packets"
+    )
     return Row("N6", "rays that are none among others, all paths", total, sum(wrong.values()), 0.0, 0.0, note)

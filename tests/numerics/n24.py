@@ -29,7 +29,7 @@ from tracer.loaders.guard import LoadRequest, load_guarded
 from tracer.loaders.limits import DEFAULT_LIMITS, MAX_COORDINATE, MESH_SUFFIXES
 from tracer.render import Canceled, compile_scene, get_backend, list_blocks
 from tracer.render.sources import SceneFiles
-from tracer.scene import SceneError, parse_scene
+from tracer.scene import Fault, SceneError, parse_scene
 from tracer.scene.faults import tokens_of
 from tracer.types import FACE_HAS_COLORS, FACE_HAS_NORMALS, FACE_HAS_UVS
 
@@ -101,7 +101,7 @@ def check_mesh(mesh):
 
 
 def render(scene, find, files):
-    """Render, and look at the sums; whether anything else than the background is there."""
+    """Render, and look at the sums."""
     compiled, _ = compile_scene(scene, find, files)
     cancel = np.zeros(1, np.int64)
     timer = threading.Timer(NO_END_S, cancel.__setitem__, (0, 1))
@@ -142,15 +142,9 @@ def try_document(document, find, cache, require_hashes):
     except LoadError as error:
         files = [row["file"] for row in document["assets"].values()]
         check_refusal(error, error.file if error.file in files else "a file of the table", cache)
-        check_faults(SceneError([_fault(error)]), document)
+        check_faults(SceneError([Fault(error.pointer, error.reason, error.mend)]), document)
         return "refused"
     return "rendered"
-
-
-def _fault(error):
-    from tracer.scene import Fault
-
-    return Fault(error.pointer, error.reason, error.mend)
 
 
 def try_text(document, rng):
@@ -261,7 +255,7 @@ class Tally:
         ends = []
         try:
             yield ends.append
-        except Exception as error:  # noqa: BLE001 - that is what is looked for
+        except Exception as error:
             self.wrong.append(f"{kind} {number}: {type(error).__name__}: {error}")
         self.ends[f"{kind}s {ends[0]}" if ends else f"{kind}s"] += 1
 
