@@ -215,13 +215,17 @@ _REACHES = ((-30, 30), (-12, 6), (-3, 3), (-30, 0), (0, 30))  # powers of ten
 
 
 def _stretch(document, rng):
-    """Put another number, however far from it, in the place of one that is not whole."""
+    """Put another number, however far from it, in the place of one that is not whole; or another vector of three."""
     found = [path for path in places(document) if isinstance(value_at(document, path), float)]
     if not found:
         return
     path = found[rng.integers(len(found))]
     parent, key = value_at(document, path[:-1]), path[-1]
-    if rng.random() < 0.3:
+    if isinstance(parent, list) and len(parent) == 3 and rng.random() < 0.25:
+        kind, axis, size = rng.integers(0, 4), rng.integers(0, 3), float(10.0 ** rng.uniform(-30, 30))
+        flat = [0.0 if k == axis else number for k, number in enumerate(parent)]
+        parent[:] = ([0.0] * 3, [size] * 3, [size * (k == axis) for k in range(3)], flat)[kind]
+    elif rng.random() < 0.3:
         parent[key] = _NUMBERS[rng.integers(len(_NUMBERS))]
     else:
         parent[key] = float(parent[key] * 10.0 ** rng.uniform(*_REACHES[rng.integers(len(_REACHES))]))

@@ -149,8 +149,17 @@ def try_document(document, find, cache, require_hashes):
 
 def try_text(document, rng):
     """Damaged JSON text: a document or a refusal."""
-    with contextlib.suppress(SceneError):
-        parse_scene(damaged_bytes(json.dumps(document).encode(), rng))
+    text = damaged_bytes(json.dumps(document).encode(), rng)
+    try:
+        parse_scene(text)
+    except SceneError as error:
+        try:
+            document = json.loads(text)
+        except ValueError:
+            document = None  # of which the whole is wrong; the words tell the line or the byte
+            if not any(word in error.faults[0].message for word in ("line", "byte", "character")):
+                raise Wrong(f"names no place: {error}") from None
+        check_faults(error, document)
 
 
 def run_documents(cases, rng, folder, tally):
