@@ -278,6 +278,7 @@ def run(cases, seed=24):
         if path.stat().st_size < 4096 and path.suffix.lower() in {".obj", ".gltf", ".glb", ".ply", ".stl", ".off"}:
             beside = [other for other in path.parent.glob(f"{path.stem}.*") if other != path]
             seeds.append({other.name: other.read_bytes() for other in (path, *beside)})
+    # the larger ones at full size only
     requests = [LoadRequest("mesh", path, path.name) for path in known if cases > 1000 or path.stat().st_size < 4096]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
