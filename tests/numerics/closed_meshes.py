@@ -8,6 +8,8 @@ from tracer.accel.emit import sorted_order
 from tracer.jit import kernel
 from tracer.rays.predicate import intersect_triangle, shear_of, unit_of
 
+LARGEST = 1.7976931348623157e308  # of float64
+
 
 def sphere(n_theta=16, n_phi=16, seed=3, bumpy=5.0):
     """A star-shaped closed surface of radius 1 .. 1 + bumpy, its poles shared; the origin is inside."""
@@ -135,7 +137,9 @@ def brute_force(vertices, faces, origins, directions, t_min, t_max, times, primi
         unit = unit_of(directions[i, 0], directions[i, 1], directions[i, 2])
         d0, d1, d2 = directions[i, 0] * unit, directions[i, 1] * unit, directions[i, 2] * unit
         kx, ky, kz, sx, sy, sz = shear_of(d0, d1, d2)
-        best = t_max / unit
+        first = max(t_min[i], 0.0) / unit
+        last = min(t_max[i], LARGEST) / unit  # a t beyond float64 is no hit
+        best = last
         primitive = -1
         count = 0
         for f in range(faces.shape[0]):
@@ -146,7 +150,7 @@ def brute_force(vertices, faces, origins, directions, t_min, t_max, times, primi
                 vertices[c, kx], vertices[c, ky], vertices[c, kz],
                 origins[i, kx], origins[i, ky], origins[i, kz], sx, sy, sz,
             )  # fmt: skip
-            if met and t > t_min / unit and t < t_max / unit:
+            if met and t > first and t < last:
                 count += 1
                 if t < best:
                     best = t
@@ -157,11 +161,11 @@ def brute_force(vertices, faces, origins, directions, t_min, t_max, times, primi
 
 
 def by_brute_force(vertices, faces, origins, directions, t_min=0.0, t_max=np.inf):
-    """(t, primitive, crossings) of each ray."""
+    """(t, primitive, crossings) of each ray; limits are scalars or (n,)."""
     n = len(origins)
+    limits = [np.ascontiguousarray(np.broadcast_to(np.asarray(limit, np.float64), n)) for limit in (t_min, t_max)]
     times, primitives, counts = np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64)
     vertices, directions = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(directions, np.float64)
-    brute_force(
-        vertices, faces, np.ascontiguousarray(origins, np.float64), directions, t_min, t_max, times, primitives, counts
-    )
+    origins = np.ascontiguousarray(origins, np.float64)
+    brute_force(vertices, faces, origins, directions, *limits, times, primitives, counts)
     return times, primitives, counts

@@ -353,6 +353,28 @@ MUTANTS = [
         "return 1.0 / denominator if denominator > 0.0 else 0.0",
         "return 1.0 / denominator",
     ),
+    Mutant("empty-intervals-are-searched", "N6", "rays/start.py", "(t_min < t_max)", "(t_min <= t_max)"),
+    Mutant(
+        "samples-of-the-crop",
+        "N22",
+        "render/blocks.py",
+        "pixel_key(settings[SETTING_SEED], px, py, 0)",
+        "pixel_key(settings[SETTING_SEED], px - crop_x, py - crop_y, 0)",
+    ),
+    Mutant(
+        "survey-of-another-block",
+        "N22",
+        "render/blocks.py",
+        "        start_survey(survey)\n",
+        "        if block == 0:\n            start_survey(survey)\n",
+    ),
+    Mutant(
+        "corners-at-infinity",
+        "N24",
+        "loaders/mesh.py",
+        "bad = ~_in_range(positions, MAX_COORDINATE)",
+        "bad = np.zeros(len(positions), np.bool_)",
+    ),
 ]
 
 
@@ -388,7 +410,7 @@ def apply(mutant: Mutant, tracer: Path) -> None:
 
 def try_mutant(mutant: Mutant, folder: Path) -> str:
     """Apply a mutant to a copy and run its tests there; returns the verdict."""
-    for name in ("tracer", "benchmarks", "tests"):
+    for name in ("tracer", "benchmarks", "tests", "worker"):
         shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
     apply(mutant, folder / "tracer")

@@ -11,6 +11,7 @@ import n01
 import n02
 import n03
 import n04
+import n06
 import n07
 import n09
 import n10
@@ -18,7 +19,9 @@ import n11
 import n12
 import n16
 import n21
+import n22
 import n23
+import n24
 from row import Row
 
 
@@ -37,6 +40,7 @@ TESTS = {
     "N3": Test(n03.run, 500, 100_000, 2),
     "N4": Test(n04.run, 2_000, 1_000_000, 2),
     "N5": Test(n04.run_slabs, 5_000, 2_000_000, 2),
+    "N6": Test(n06.run, 20_000, 6_000_000, 2),
     "N7": Test(n07.run, 300, 100_000, 2),
     "N8": Test(n07.run_shapes, 400, 100_000, 2),
     "N9": Test(n09.run, 3_000, 10_000_000, 4),
@@ -48,14 +52,11 @@ TESTS = {
     "N18": Test(n12.run_attenuation, 300, 100_000, 1),
     "N19": Test(n12.run_power, 300, 100_000, 1),
     "N21": Test(n21.run, 5_000, 1_000_000, 1),
+    "N22": Test(n22.run, 50, 6_000, 2),
     "N23": Test(n23.run, 20_000, 200_000_000, 4),
+    "N24": Test(n24.run, 300, 20_000, 2),
 }
-ELSEWHERE = {
-    "N6": "tests/numerics/test_rays_undefined.py",
-    "N22": "tests/acceptance/test_same_bytes.py, tests/tracer/render/test_render_adaptive.py; resume waits for that feature",
-    "N24": "tests/tracer/loaders and tests/tracer/scene",
-    "N25": "make mutants",
-}
+ELSEWHERE = {"N25": "make mutants"}
 WAITING = {
     "N13": "waits for nested media",
     "N14": "waits for the path tracer's orthonormal basis",

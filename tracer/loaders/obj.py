@@ -22,6 +22,7 @@ from tracer.loaders.mtl import MaterialLibrary
 from tracer.loaders.polygon import triangulate
 
 _ABSENT = -1
+_BEYOND = 2**62  # no index is as large, and int64 holds it
 _NO_DIGITS = str.maketrans("", "", "0123456789")
 
 
@@ -262,7 +263,7 @@ def _parse_odd(file: ModelFile, text: _Text, indices: list[int]) -> list[_Polygo
         for word in text.faces[index].split():
             fields = [*word.split("/"), "", ""][:3]
             try:
-                numbers = [int(field) if field else None for field in fields]
+                numbers = [min(max(int(field), -_BEYOND), _BEYOND) if field else None for field in fields]
             except ValueError:
                 numbers = [None]
             if numbers[0] is None:

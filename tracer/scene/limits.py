@@ -49,6 +49,9 @@ MAX_EXPONENT: Final = 1e6
 MAX_ATTENUATION: Final = 1e30
 """Size of a, b and c of the attenuation: as coordinates, c is multiplied by a squared distance."""
 
+MIN_ATTENUATION: Final = 1e-30
+"""Least a, b and c of the attenuation beside 0: 1 / a of a denormal a is infinite, and that times black is NaN."""
+
 MIN_ETA: Final = 0.01
 MAX_ETA: Final = 100.0
 """Index of refraction relative to the outside; matter has 1 to 4, and its inverse must be expressible, too."""

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from tracer.scene.base import Flag, Name, Number, Rgb, SceneModel
-from tracer.scene.faults import Fault, faults_error
-from tracer.scene.limits import MAX_ATTENUATION, MAX_ETA, MAX_EXPONENT, MIN_ETA
+from tracer.scene.faults import Fault, faults_error, pointer_of
+from tracer.scene.limits import MAX_ATTENUATION, MAX_ETA, MAX_EXPONENT, MIN_ATTENUATION, MIN_ETA
 
 Coefficient = Annotated[Number, Field(ge=0.0, le=MAX_ATTENUATION)]
 
@@ -25,9 +25,17 @@ class Attenuation(SceneModel):
     c: Coefficient = Field(default=0.0, description="Factor of the squared distance.", examples=[0])
 
     @model_validator(mode="after")
-    def _check_sum(self) -> "Attenuation":
+    def _check_numbers(self) -> "Attenuation":
         if self.a == self.b == self.c == 0.0:
             raise faults_error([Fault("", "has a = b = c = 0, a division by zero", "at least one of a, b, c above 0")])
+        least = f"0, or a number from {MIN_ATTENUATION:g}"
+        numbers = {"a": self.a, "b": self.b, "c": self.c}
+        if faults := [
+            Fault(pointer_of(name), f"is {number:g}", least)
+            for name, number in numbers.items()
+            if 0.0 < number < MIN_ATTENUATION
+        ]:
+            raise faults_error(faults)
         return self
 
 

@@ -72,7 +72,15 @@ def test_relative_indices_count_from_their_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("face", "vertex"), [("f 1 2 9", 9), ("f 0 1 2", 0), ("f -9 1 2", 0), ("f 1/1 2/1 99999999999/1", 99999999999)]
+    ("face", "vertex"),
+    [
+        ("f 1 2 9", 9),
+        ("f 0 1 2", 0),
+        ("f -9 1 2", 0),
+        ("f 1/1 2/1 99999999999/1", 99999999999),
+        ("f 1 2/1 99999999999999999999", 2**62),
+        ("f -99999999999999999999 1 2", 0),
+    ],
 )
 def test_positions_that_are_not_there(tmp_path, face, vertex):
     with pytest.raises(LoadError, match=f"a.obj: line 5: a face uses vertex {vertex}, and there are 4"):

@@ -80,6 +80,7 @@ def test_one_number_stands_for_three_channels_and_ka_follows_kd() -> None:
         ("/materials/red/kd", -1, "/materials/red/kd"),
         ("/materials/a~1b~0c/eta", 0, "/materials/a~1b~0c/eta"),
         ("/materials/a~1b~0c/attenuation/b", -1, "/materials/a~1b~0c/attenuation/b"),
+        ("/materials/a~1b~0c/attenuation/b", 1e-310, "/materials/a~1b~0c/attenuation/b"),
         ("/background", [1, 2], "/background"),
         ("/lights", {}, "/lights"),
         ("/lights/2", [], "/lights/2"),
