@@ -9,16 +9,17 @@ interrupted, it goes on where it was.
 Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
 
 Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
-of code and scene not; peers take turns with us, the first two do not count (both may compile), medians do. The peer
-runs under an interpreter of its own: ``--peer`` or SMALTI_MITSUBA_PYTHON names one that has ``mitsuba`` (``pip install
-mitsuba``; its ``llvm_ad_rgb`` needs a libLLVM). Where there is none the row says so.
+of code and scene not; peers take turns with us, the first two do not count (some compile), medians do.
+
+Peers (`benchmarks.peers`), each where it is installed, and the page says where it is not: Mitsuba under an interpreter
+that ``--peer`` or SMALTI_MITSUBA_PYTHON names (``pip install mitsuba``; its ``llvm_ad_rgb`` needs a libLLVM);
+``povray`` and ``tachyon`` on the PATH, or as SMALTI_POVRAY and SMALTI_TACHYON name them.
 """
 
 import argparse
 import json
 import os
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -35,61 +36,16 @@ from benchmarks.jobs_page import write_page
 from benchmarks.jobs_processes import measure_compile, measure_start, measure_workers
 from benchmarks.local import compile_document
 from benchmarks.machine import describe_machine
+from benchmarks.peer_povray import PovRay
+from benchmarks.peer_tachyon import Tachyon
+from benchmarks.peers import MITSUBA_PYTHON, AbsentError, Mitsuba, Peer, Turn
 from tracer.rays import RayCaster
 from tracer.render import render_compiled
 from tracer.types import CompiledScene
 
-PEER = "SMALTI_MITSUBA_PYTHON"
-ABSENT = f"Mitsuba is not here: set {PEER} to an interpreter with it (`pip install mitsuba`, mitsuba-renderer.org)"
 SAMPLES = 16
 WARM_TURNS = 2
 _PACKETS = 1000
-
-
-class Peer:
-    """Mitsuba in a process of its own, that renders when it is told to."""
-
-    def __init__(self, python: str, arrays: Path, picture: Path) -> None:
-        self.picture = picture
-        self.version = ""
-        script = str(REPOSITORY / "benchmarks" / "peer_mitsuba.py")
-        self.process = subprocess.Popen(
-            [python, script, str(arrays), str(picture)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def render(self) -> float:
-        """Render once; returns CPU seconds.
-
-        Raises
-        ------
-        RuntimeError
-            The peer ended, with the last line that it said.
-        """
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        assert self.process.stderr is not None
-        try:
-            self.process.stdin.write("\n")
-            self.process.stdin.flush()
-            answer = self.process.stdout.readline()
-        except BrokenPipeError:
-            answer = ""
-        if not answer:
-            said = self.process.stderr.read().strip().splitlines()
-            raise RuntimeError(said[-1] if said else "the peer ended")
-        facts = json.loads(answer)
-        self.version = facts["version"]
-        return float(facts["cpu_s"])
-
-    def close(self) -> None:
-        """End the process."""
-        if self.process.stdin is not None:
-            self.process.stdin.close()
-        self.process.wait()
 
 
 def compile_parts(scene: list[mirrorbox.Part], folder: Path, **settings: Any) -> CompiledScene:
@@ -113,37 +69,66 @@ def median_cpu_s(compiled: CompiledScene, repeats: int) -> float:
 
 
 def measure_whole(name: str, sphere: int, size: int, repeats: int, python: str | None) -> dict[str, Any]:
-    """Measure one mirror box, in turns with the peer where it is there."""
+    """Measure one mirror box, in turns with the peers that are there."""
     scene = mirrorbox.parts(sphere)
-    row: dict[str, Any] = {"job": name, "triangles": sum(len(part.faces) for part in scene), "size": size}
-    row |= {"samples": SAMPLES, "peer": None, "note": ABSENT}
+    peers: list[Peer] = []
+    notes: dict[str, str] = {}
+    ours: list[float] = []
+    theirs: dict[str, list[Turn]] = {}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         compiled = compile_parts(scene, folder, size=size, samples=SAMPLES)
-        mirrorbox.write_arrays(folder / "scene.npz", scene, size, SAMPLES)
-        peer = Peer(python, folder / "scene.npz", folder / "picture.npy") if python else None
-        ours, theirs = [], []
+        for kind, make in (
+            (Mitsuba, lambda: Mitsuba(python, scene, folder, size, SAMPLES)),
+            (PovRay, lambda: PovRay(scene, folder, size, SAMPLES)),
+            (Tachyon, lambda: Tachyon(scene, folder, size, SAMPLES)),
+        ):
+            try:
+                peers.append(make())
+            except AbsentError as error:
+                notes[kind.name] = f"not here: {error}"
         try:
             for _ in range(repeats + WARM_TURNS):
-                if peer is not None:
-                    try:
-                        theirs.append(peer.render())
-                    except RuntimeError as error:
-                        row["note"], peer = f"Mitsuba gave up: {error}", None
+                for peer in peers:
+                    if peer.name not in notes:
+                        try:
+                            theirs.setdefault(peer.name, []).append(peer.render())
+                        except RuntimeError as error:
+                            notes[peer.name] = f"gave up: {error}"
                 seconds, pixels = render_cpu_s(compiled)
                 ours.append(seconds)
         finally:
-            if peer is not None:
+            for peer in peers:
                 peer.close()
-        row |= {"ours_all_s": ours[WARM_TURNS:], "ours_s": statistics.median(ours[WARM_TURNS:])}
-        if peer is not None:
-            picture = np.load(peer.picture).astype(np.float64)
-            row |= {"peer": f"Mitsuba {peer.version} llvm_ad_rgb", "note": ""}
-            row |= {"peer_all_s": theirs[WARM_TURNS:], "peer_s": statistics.median(theirs[WARM_TURNS:])}
-            row["ratio"] = row["peer_s"] / row["ours_s"]
-            row["rmse"] = float(np.sqrt(((picture - pixels) ** 2).mean()))
-            row["means"] = [float(pixels.mean()), float(picture.mean())]
+        row: dict[str, Any] = {"job": name, "triangles": sum(len(part.faces) for part in scene), "size": size}
+        row |= {"samples": SAMPLES, "ours_all_s": ours[WARM_TURNS:], "ours_s": statistics.median(ours[WARM_TURNS:])}
+        row |= {"mean": float(pixels.mean()), "brightest": float(pixels.max())}
+        row["peers"] = {
+            peer.name: compare(peer, theirs[peer.name][WARM_TURNS:], row["ours_s"], pixels)
+            for peer in peers
+            if peer.name not in notes
+        }
+        row["notes"] = notes
     return row
+
+
+def compare(peer: Peer, turns: list[Turn], ours_s: float, pixels: NDArray[np.float32]) -> dict[str, Any]:
+    """Return what a peer took, how that compares with us, and how like ours its picture is."""
+    picture = peer.picture()
+    picture_s = statistics.median(turn.picture_s for turn in turns)
+    return {
+        "version": peer.version,
+        "all_s": [turn.picture_s for turn in turns],
+        "s": picture_s,
+        "ratio": picture_s / ours_s,
+        **{
+            name: statistics.median(getattr(turn, name) for turn in turns)
+            for name in ("reading_s", "process_s")
+            if getattr(turns[0], name) is not None
+        },
+        "rmse": float(np.sqrt(((picture - pixels) ** 2).mean())),
+        "mean": float(picture.mean()),
+    }
 
 
 def triangles_met(scene: list[mirrorbox.Part], size: int) -> float:
@@ -208,7 +193,7 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--largest", type=float, default=1e7, help="triangles, for growth")
-    parser.add_argument("--peer", default=os.environ.get(PEER))
+    parser.add_argument("--peer", default=os.environ.get(MITSUBA_PYTHON), help="a Python with mitsuba")
     parser.add_argument("--small", action="store_true", help="to try the script: small sizes, pages into out/")
     options = parser.parse_args()
     chosen = set(options.only.split(","))

@@ -8,6 +8,19 @@ from typing import Any
 
 from benchmarks.machine import machine_line
 
+PEERS = {
+    "Mitsuba": "an integrator of its own for this job (`benchmarks/peer_mitsuba.py`); random samples.",
+    "POV-Ray": (
+        "`benchmarks/peer_povray.py`; its own count of CPU seconds for tracing. The samples are pixels of a picture of "
+        "4 times the edge, averaged when it is read: 16 rays a pixel; its antialiasing without adaptation takes 17.06. "
+        "Float64, 16-bit file."
+    ),
+    "Tachyon": (
+        "`benchmarks/peer_tachyon.py`; it prints wall time alone, so CPU seconds of the process less those of a run "
+        "with one pixel; the 16-bit file is in them. A pixel's samples are its centre and 15 random places. Float64; "
+        "triangles without area are left out."
+    ),
+}
 SERIES = {
     "triangles": "triangles",
     "lights": "point lights",
@@ -17,30 +30,52 @@ SERIES = {
 
 
 def whole_lines(rows: list[dict[str, Any]]) -> list[str]:
-    """Return the table of whole pictures."""
+    """Return the tables of whole pictures: seconds, then what the pictures have in common."""
+    names = [name for name in PEERS if any(name in row["peers"] or name in row["notes"] for row in rows)]
     lines = [
         "## Whole pictures",
         "",
-        "The mirror box, a point light, one core, CPU seconds of a picture, medians; the peer takes turns with us.",
+        "The mirror box, a point light, one core, CPU seconds of a picture, medians; the peers take turns with us.",
         "",
-        "| job | triangles | picture | ours s | Mitsuba s | x | RMSE between | means |",
-        "|---|---|---|---|---|---|---|---|",
+        f"| job | triangles | picture | ours s |{''.join(f' {name} s | x |' for name in names)}",
+        "|---" * (4 + 2 * len(names)) + "|",
     ]
     for row in rows:
         picture = f"{row['size']} x {row['size']}, {row['samples']} samples"
         cells = [row["job"], f"{row['triangles']:,}", picture, f"{row['ours_s']:.4f}"]
-        if row["peer"]:
-            means = " / ".join(f"{mean:.5f}" for mean in row["means"])
-            cells += [f"{row['peer_s']:.4f}", f"**{row['ratio']:.2f}**", f"{row['rmse']:.5f}", means]
-        else:
-            cells += [row["note"], "", "", ""]
+        for name in names:
+            peer = row["peers"].get(name)
+            cells += [f"{peer['s']:.4f}", f"**{peer['ratio']:.2f}**"] if peer else ["", ""]
         lines.append(f"| {' | '.join(cells)} |")
-    peers = sorted({row["peer"] for row in rows if row["peer"]})
-    if peers:
-        lines += [
-            "",
-            f"Peer: {', '.join(peers)}, an integrator of its own for this job (`benchmarks/peer_mitsuba.py`).",
-        ]
+    measured = [name for name in names if any(name in row["peers"] for row in rows)]
+    if measured:
+        lines += peer_lines(rows, measured)
+    notes = dict.fromkeys(f"{name}: {row['notes'][name]}." for name in names for row in rows if name in row["notes"])
+    return lines + [line for note in notes for line in ("", note)]
+
+
+def peer_lines(rows: list[dict[str, Any]], names: list[str]) -> list[str]:
+    """Return how like ours the peers' pictures are, what else their processes did, and what each of them was told."""
+    brightest = max(row["brightest"] for row in rows)
+    lines = [
+        "",
+        f"The same picture: its mean, and its distance from ours. The brightest pixel is {brightest:.2f}: no clipping.",
+        "Programs that are started for each picture also read text and build, which is not in the seconds above.",
+        "",
+        "| job | by | mean | of ours | RMSE | reading, building s | whole process s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        lines.append(f"| {row['job']} | us | {row['mean']:.5f} | | | | |")
+        for name, peer in row["peers"].items():
+            cells = [row["job"], name, f"{peer['mean']:.5f}", f"{peer['mean'] / row['mean']:.4f}"]
+            cells += [f"{peer['rmse']:.5f}"]
+            cells += [f"{peer[key]:.2f}" if key in peer else "" for key in ("reading_s", "process_s")]
+            lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "Peers:", ""]
+    for name in names:
+        versions = sorted({row["peers"][name]["version"] for row in rows if name in row["peers"]})
+        lines.append(f"- {name} {', '.join(versions)}: {PEERS[name]}")
     return lines
 
 

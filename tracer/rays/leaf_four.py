@@ -16,8 +16,9 @@ from tracer.accel.layout import UNIT
 from tracer.jit import inline
 from tracer.rays import state as s
 from tracer.rays.leaf import ANY, CLOSEST, COUNT, DIM, decide, keep, over_sum, word_of
-from tracer.rays.packet_shade import dim_lane
+from tracer.rays.packet_shade import dim_four
 from tracer.rays.predicate import CERTAIN, TINY, weigh
+from tracer.rays.rows import LANES, STEP
 from tracer.simd import (
     absolute,
     convert,
@@ -125,7 +126,8 @@ def _dim(state: int, primitive: int, shading: Any) -> None:
     """Weaken the light of a packet's ray by a primitive."""
     packet, kt, face_material, stride = shading
     material = kt + stride * _int64(load(_int32, face_material + 4 * primitive))
-    if dim_lane(packet + 8 * load(_int64, state + s.RAY_INDEX), material):
+    lane = load(_int64, state + s.RAY_INDEX)
+    if dim_four(packet + STEP * (lane // LANES), _int64(1) << lane % LANES, material) != 0:
         _end(state)
 
 

@@ -18,6 +18,7 @@ from tracer.geometry.vector import at
 from tracer.jit import inline, kernel
 from tracer.rays.bundle import trace_bundle
 from tracer.rays.packet import FROM_POINT, SHADE, TO_POINT
+from tracer.rays.packet_shade import LIGHT_BYTES
 from tracer.rays.rows import (
     INTEGERS,
     LANES,
@@ -183,9 +184,8 @@ def _go_in(maps: Any, i: int, packet: int, ways: int, own: int, lanes: int, firs
         store(mine + WEIGHT_1, load(VECTOR, ray + WEIGHT_1))
         store(mine + WEIGHT_2, load(VECTOR, ray + WEIGHT_2))
         if mode == SHADE:
-            store(mine + LIGHT, load(VECTOR, ray + LIGHT))
-            store(mine + LIGHT + ROW, load(VECTOR, ray + LIGHT + ROW))
-            store(mine + LIGHT + 2 * ROW, load(VECTOR, ray + LIGHT + 2 * ROW))
+            for row in range(LIGHT, LIGHT + LIGHT_BYTES, ROW):
+                store(mine + row, load(VECTOR, ray + row))
 
 
 @inline
@@ -197,9 +197,8 @@ def _come_out(packet: int, own: int, lanes: int, first: int, mode: int) -> None:
             continue
         ray, mine = packet + STEP * k, own + STEP * k
         if mode == SHADE:
-            store(ray + LIGHT, load(VECTOR, mine + LIGHT))
-            store(ray + LIGHT + ROW, load(VECTOR, mine + LIGHT + ROW))
-            store(ray + LIGHT + 2 * ROW, load(VECTOR, mine + LIGHT + 2 * ROW))
+            for row in range(LIGHT, LIGHT + LIGHT_BYTES, ROW):
+                store(ray + row, load(VECTOR, mine + row))
         else:
             store(ray + T_BEST, load(VECTOR, mine + T_BEST))
             store(ray + PRIMITIVE, load(INTEGERS, mine + PRIMITIVE) + offset)

@@ -44,7 +44,8 @@ WEIGHT_1: Final = 10 * ROW  # of the second and third vertex of the face as give
 WEIGHT_2: Final = 11 * ROW
 AXIS: Final = 12 * ROW  # int64: 2 kz + (1 where d.kz < 0)
 LIGHT: Final = 13 * ROW  # R, G, B: share of a light that is left
-RAY_ROWS: Final = 16
+LIGHT_REST: Final = 16 * ROW  # what LIGHT has lost to rounding (:mod:`tracer.rays.packet_shade`)
+RAY_ROWS: Final = 19
 
 VECTOR: Final = float64x4
 INTEGERS: Final = int64x4

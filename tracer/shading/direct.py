@@ -14,6 +14,7 @@ from tracer.rays.rows import (
     INTEGERS,
     LANES,
     LIGHT,
+    LIGHT_REST,
     NIBBLE,
     ORIGIN,
     ROW,
@@ -28,6 +29,7 @@ from tracer.rays.rows import (
 )
 from tracer.rays.spawn import offset_origin
 from tracer.shading.lights import BEFORE_LIGHT
+from tracer.shading.phong import LEAST_DENOMINATOR
 from tracer.shading.rows import (
     ATTENUATION,
     COLOR,
@@ -103,7 +105,7 @@ def attenuate(k: Any, distance: Any) -> Any:
         return one
     denominator = k.x + distance * (k.y + distance * k.z)
     zero = splat(VECTOR, 0.0)
-    return select(denominator > zero, splat(VECTOR, 1.0) / denominator, zero)
+    return select(denominator > zero, one / maximum(denominator, splat(VECTOR, LEAST_DENOMINATOR)), zero)
 
 
 @inline
@@ -270,9 +272,9 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
             shear_lanes(shadows, k, position.x - origin.x, position.y - origin.y, position.z - origin.z)
         store(shadow + T_BEST, end)
         store(shadow + SKIP, load(INTEGERS, ray + START))
-        store(shadow + LIGHT, one)
-        store(shadow + LIGHT + ROW, one)
-        store(shadow + LIGHT + 2 * ROW, one)
+        for channel in range(0, 3 * ROW, ROW):
+            store(shadow + LIGHT + channel, one)
+            store(shadow + LIGHT_REST + channel, zero)
     return lit
 
 

@@ -8,10 +8,13 @@ Departs from the report's program, which uses the interpolated normal as it is i
 """
 
 import math
+from typing import Final
 
 from tracer.geometry.vector import dot, multiply, scale
 from tracer.jit import inline
 from tracer.types import Vec3
+
+LEAST_DENOMINATOR: Final = 1e-200  # of attenuations: 1 / this, times colours and lights, stays finite
 
 
 @inline
@@ -19,10 +22,11 @@ def attenuation(a: float, b: float, c: float, distance: float) -> float:
     """1 / (a + b D + c D^2), the factor of eq. 11, 12, 14 and 15; an infinite D has none but a.
 
     A light without a distance (directional) and a ray that meets nothing are attenuated by 1 / a. With a = 0 that
-    would be infinite: such a material gets nothing from infinitely far away, the limit for D to infinity.
+    would be infinite: such a material gets nothing from infinitely far away, the limit for D to infinity. Nor is the
+    factor of a light at the point itself: 1 / `LEAST_DENOMINATOR` at most.
     """
     denominator = a + distance * (b + c * distance) if distance < math.inf else a
-    return 1.0 / denominator if denominator > 0.0 else 0.0
+    return 1.0 / max(denominator, LEAST_DENOMINATOR) if denominator > 0.0 else 0.0
 
 
 @inline

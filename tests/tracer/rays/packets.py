@@ -21,6 +21,7 @@ from tracer.rays.predicate import intersect_triangle, shear_of
 from tracer.rays.rows import (
     AXIS,
     LIGHT,
+    LIGHT_REST,
     ORIGIN,
     PACKET,
     PRIMITIVE,
@@ -75,6 +76,7 @@ def _put_rays(packet, origins, directions, ends, skips, lanes):
         for axis in range(3):
             store(ray + ORIGIN + ROW * axis, origins[k, axis])
             store(ray + LIGHT + ROW * axis, 1.0)
+            store(ray + LIGHT_REST + ROW * axis, 0.0)
         put_direction(packet, lane, directions[k, 0], directions[k, 1], directions[k, 2])
         store(ray + T_BEST, ends[k])
         store(ray + SKIP, _int64(skips[k]))

@@ -3,6 +3,9 @@
 N1 and N2 for packets: the same t, primitive, u and v, bit for bit, for whoever travels together.
 """
 
+import math
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -243,6 +246,35 @@ def test_light_through_closed_meshes(name):
             np.testing.assert_array_equal(found.ended, (light == 0).all(1))
         dark += found.ended.sum()
     assert 0 < dark < 192 * len(AIMS)
+
+
+def test_light_through_many_surfaces_is_the_same_in_any_order():
+    """Twelve spheres within each other, kt of 53 bits each: the product, rounded once, whatever the company."""
+    one, ring = sphere(10, 10)
+    vertices = np.concatenate([one * (1 + 0.1 * k) for k in range(12)])
+    faces = np.concatenate([ring + k * len(one) for k in range(12)])
+    tree = tree_of(vertices, faces)
+    rng = np.random.default_rng(53)
+    kt = rng.uniform(0.5, 1.0, (len(faces), 3))
+    origins, directions = rng.normal(size=(256, 3)) * 0.1, unit(rng.normal(size=(256, 3)))
+    crossed = []
+    for face in range(len(faces)):  # which rays cross which face: one face black at a time
+        only = np.ones((len(faces), 3))
+        only[face] = 0.0
+        crossed.append(brute_light(vertices, faces, origins, directions, kt=only)[0][:, 0] == 0.0)
+    crossed = np.array(crossed)
+    assert (crossed.sum(0) >= 12).all()
+    exact = [
+        [
+            float(math.prod((Fraction(x) for x in kt[crossed[:, ray], channel]), start=Fraction(1)))
+            for channel in range(3)
+        ]
+        for ray in range(256)
+    ]
+    for way in WAYS:
+        for size in (64, 5, 1):
+            found = follow(tree, origins, directions, mode="shade", kt=kt, way=way, size=size)
+            np.testing.assert_array_equal(found.light, exact)
 
 
 def test_a_shadow_rays_length_is_its_own():
