@@ -2,10 +2,10 @@
 
     python -m benchmarks.jobs [--only whole,start,...] [--repeats 5] [--size 512] [--small] [--peer PYTHON]
 
-*whole*: the mirror box (`benchmarks.mirrorbox`), 32 triangles and 1.31 M, 16 samples, one core; *start*: a 64 x 64
-picture from process start and through a running service; *compile*: all kernels into an empty cache; *growth*: with
-triangles, lights, resolution and depth; *workers*: two workers against one, only when named: about 10 minutes;
-interrupted, it goes on where it was.
+*whole*: the mirror box (`benchmarks.mirrorbox`), 32 triangles and 1.31 M, dull and a mirror, 16 samples, one core;
+*start*: a 64 x 64 picture from process start and through a running service; *compile*: all kernels into an empty cache;
+*growth*: with triangles, lights, resolution and depth; *workers*: two workers against one, only when named: about 10
+minutes; interrupted, it goes on where it was.
 Writes ``benchmarks/results/jobs.json``, ``.md``, ``.png``, ``.svg`` (``--small``: into ``out/``).
 
 Invariant: a picture's seconds are CPU time of the process that renders it, on one thread, film included, compilation
@@ -44,6 +44,11 @@ from tracer.render import render_compiled
 from tracer.types import CompiledScene
 
 SAMPLES = 16
+WHOLE = (  # triangles of the sphere, and how much it mirrors
+    ("mirror box", 0, 0.0),
+    ("mirror box, bumpy sphere", mirrorbox.BIG, 0.0),
+    ("mirror box, bumpy mirror", mirrorbox.BIG, 0.9),
+)
 WARM_TURNS = 2
 _PACKETS = 1000
 
@@ -68,9 +73,10 @@ def median_cpu_s(compiled: CompiledScene, repeats: int) -> float:
     return statistics.median([render_cpu_s(compiled)[0] for _ in range(repeats + 1)][1:])
 
 
-def measure_whole(name: str, sphere: int, size: int, repeats: int, python: str | None) -> dict[str, Any]:
+def measure_whole(
+    name: str, scene: list[mirrorbox.Part], size: int, repeats: int, python: str | None
+) -> dict[str, Any]:
     """Measure one mirror box, in turns with the peers that are there."""
-    scene = mirrorbox.parts(sphere)
     peers: list[Peer] = []
     notes: dict[str, str] = {}
     ours: list[float] = []
@@ -203,8 +209,8 @@ def main() -> int:
     folder = REPOSITORY / ("benchmarks/results" if is_result else "out")
     parts: dict[str, Callable[[], Any]] = {
         "whole": lambda: [
-            measure_whole(name, triangles, size, repeats, options.peer)
-            for name, triangles in (("mirror box", 0), ("mirror box, bumpy sphere", mirrorbox.BIG))
+            measure_whole(name, mirrorbox.parts(triangles, sphere_mirror=mirror), size, repeats, options.peer)
+            for name, triangles, mirror in WHOLE
         ],
         "start": lambda: measure_start(repeats, options.peer),
         "compile": measure_compile,

@@ -48,7 +48,7 @@ def block(x: float, z: float, half: float, height: float, turn_deg: float, *, bo
     return quads(*faces, *((a, 0.0, b) for a, b in ring)) if bottom else quads(*faces)
 
 
-def parts(sphere_triangles: int = 0, *, mirror_walls: bool = False) -> list[Part]:
+def parts(sphere_triangles: int = 0, *, sphere_mirror: float = 0.0, mirror_walls: bool = False) -> list[Part]:
     """Return the scene's parts; ``mirror_walls`` closes the box behind the eye and makes mirrors of its four walls."""
     white, grey = (0.73, 0.73, 0.73), (0.02, 0.02, 0.02)
     side, front = (0.9, 3.6) if mirror_walls else (0.0, 1)
@@ -73,7 +73,7 @@ def parts(sphere_triangles: int = 0, *, mirror_walls: bool = False) -> list[Part
     if sphere_triangles:
         points, faces = bumpy_sphere(max(2, round(math.sqrt(sphere_triangles / 4))))
         points = (0.38 * points + np.array([0.35, 1.1, 0.1])).astype(np.float32)
-        found.append(Part("sphere", points, faces.astype(np.int32), (0.3, 0.45, 0.7), 0.0))
+        found.append(Part("sphere", points, faces.astype(np.int32), (0.3, 0.45, 0.7), sphere_mirror))
     return found
 
 
