@@ -25,7 +25,8 @@ from tracer.integrators.bounces import make_bounces, take_bounces
 from tracer.integrators.corners import Seen, nothing_seen
 from tracer.integrators.scratch import WAVE, Scratch
 from tracer.jit import inline, int64, kernel
-from tracer.rays.packet import CLOSEST, FROM_POINT, SHADE, TO_POINT
+from tracer.rays.leaf import CLOSEST, SHADE
+from tracer.rays.packet import FROM_POINT, TO_POINT
 from tracer.rays.packet_leaf import meet_known
 from tracer.rays.placed import trace_scene
 from tracer.rays.rows import (

@@ -30,7 +30,8 @@ from tracer.integrators.faces import ROOM, ROOM_MIRRORED, SLIM_MIRROR, corners_o
 from tracer.integrators.scratch import Scratch
 from tracer.jit import inline, int64, kernel
 from tracer.rays.camera_lanes import fill_camera_rays
-from tracer.rays.packet import CLOSEST, ENDING, NONE, PARALLEL, PENCIL, SOLE, UNLIMITED, trace_packet
+from tracer.rays.leaf import CLOSEST
+from tracer.rays.packet import ENDING, NONE, PARALLEL, PENCIL, SOLE, UNLIMITED, trace_packet
 from tracer.rays.rows import (
     AXIS,
     INTEGERS,

@@ -1,7 +1,7 @@
 """Share out rays into packets that travel well together.
 
 Rays of one packet need one dominant axis and sense; the nearer their origins and slopes, the narrower the beam. A
-bundle is parted greedily: the first ray left takes those along that are close to it. Those that nobody goes along with
+bundle is parted greedily: the first ray left takes those along that are close to it. Those with few companions
 travel alone, many in flight (:mod:`tracer.rays.stream`), and so do all that are left once a packet has cost more work
 than its rays would alone: it goes through a mesh that is finer than its beam.
 
@@ -13,8 +13,7 @@ from typing import Any, Final
 from tracer.accel.layout import FRAME_SCALE
 from tracer.jit import kernel
 from tracer.rays.company import companions
-from tracer.rays.leaf import DIM
-from tracer.rays.packet import MODES, SHADE, trace_packet
+from tracer.rays.packet import MODES, trace_packet
 from tracer.rays.rows import ROW
 from tracer.rays.stream import follow_all
 from tracer.simd import (
@@ -38,26 +37,23 @@ _PATIENCE: Final = 16  # work a ray, about what it costs alone
 
 @kernel
 def trace_alone(base: int, packet: int, lanes: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
-    """Follow any rays of a packet, each by itself; parameters and result as :func:`tracer.rays.packet.trace_packet`.
-
-    For CLOSEST the nearest hit so far counts.
-    """
+    """Follow any rays of a packet, each by itself; as `trace_bundle`. For CLOSEST the nearest hit so far counts."""
     stand_alone()
     no, numbers, n = _int64(0), stack_memory(ROW), _int64(0)
     while lanes != 0:
         store(numbers + 8 * n, _int64(count_trailing_zeros(lanes)))
         lanes &= lanes - 1
         n += 1
-    looked_for = mode & MODES
-    if looked_for == SHADE:
-        looked_for = _int64(DIM)
     no_rays, no_outputs = (no, no, no, no, no, no, no, no), (no, no, no, no)
-    return follow_all(base, no_rays, (packet, kt, face_material, stride), numbers, no, n, looked_for, no_outputs)
+    return follow_all(base, no_rays, (packet, kt, face_material, stride), numbers, no, n, mode & MODES, no_outputs)
 
 
 @kernel
 def trace_bundle(base: int, packet: int, lanes: int, mode: int, kt: int, face_material: int, stride: int) -> Any:
-    """Follow any rays of a packet; parameters and result as :func:`tracer.rays.packet.trace_packet`."""
+    """Follow any rays of a packet, whatever their AXIS.
+
+    Parameters are those of :func:`tracer.rays.packet.trace_packet`, without SOLE; so is the first of its results.
+    """
     stand_alone()
     ended = alone = _int64(0)
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)

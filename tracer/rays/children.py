@@ -18,6 +18,14 @@ _LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 
 
 @inline
+def expect_child(base: int, word: int) -> None:
+    """Ask for the memory of a node or leaf."""
+    place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
+    for line in range(_LINES):
+        prefetch(place + 64 * line)
+
+
+@inline
 def push_children(base: int, hits: int, near: int, children: int, top: int) -> Any:
     """Push children, farthest first; returns the new top.
 
@@ -39,9 +47,7 @@ def push_children(base: int, hits: int, near: int, children: int, top: int) -> A
         word = _int64(load(_int32, children + 4 * lane))
         entry = (_int64(load(_int32, near + 4 * lane)) << 32) | (word & 0xFFFFFFFF)
         if base != 0:
-            place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-            for line in range(_LINES):
-                prefetch(place + 64 * line)
+            expect_child(base, word)
         slot = top
         while slot > bottom and load(_int64, slot - 8) < entry:  # few are in place already
             store(slot, load(_int64, slot - 8))

@@ -5,8 +5,6 @@ Invariant: the answers of :mod:`tracer.rays.single`, bit for bit, in whatever co
 
 from typing import Any, Final
 
-import numpy as np
-
 from tracer.accel.layout import FRAME_SCALE
 from tracer.jit import kernel
 from tracer.rays.company import companions
@@ -20,6 +18,7 @@ from tracer.simd import (
     count_trailing_zeros,
     load,
     population_count,
+    stack_memory,
     store,
 )
 from tracer.simd.gateway import types
@@ -34,13 +33,32 @@ _ALIKE: Final = 0.125  # of slopes
 _FEWEST: Final = 16  # rays that travel together
 _PATIENCE: Final = 20  # work a ray after which a tile is given up
 _LONGEST: Final = 15  # tiles that are not tried after several in a row were given up
+_ALONE_BYTES: Final = 8 * (WAITING + PACKET)
 
 
 @kernel
-def _trace(
-    base: int, rays: Any, start: int, end: int, mode: int, width: int, outputs: Any, tile: int, alone: int
+def trace_coherent(
+    tree: Any,
+    rays: Any,
+    start: int,
+    end: int,
+    mode: int,
+    out_t: Any,
+    out_primitive: Any,
+    out_u: Any,
+    out_v: Any,
+    width: int,
 ) -> None:
-    """See `trace_coherent`; ``tile`` and ``alone`` are addresses of TILE_BYTES and of WAITING + PACKET int64."""
+    """Answer rays start..end in tiles; parameters as :func:`tracer.rays.single.trace_single`, without COUNT.
+
+    Parameters
+    ----------
+    width
+        Rays from one row of a picture to the next; less than SIDE: no picture, tiles are 64 rays in a row.
+    """
+    base = address_of(tree)
+    tile, alone = stack_memory(TILE_BYTES), stack_memory(_ALONE_BYTES)
+    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
     prepare_tile(tile)
     near = _NEAR / load(_float64, base + 8 * FRAME_SCALE)
     closest = _int64(1 if mode == CLOSEST else 0)
@@ -100,30 +118,3 @@ def _trace(
         follow(base, rays, alone, _int64(0), n_alone, mode, outputs)
     if end - start < PACKET:
         follow(base, rays, _int64(0), start, end, mode, outputs)
-
-
-@kernel
-def trace_coherent(
-    tree: Any,
-    rays: Any,
-    start: int,
-    end: int,
-    mode: int,
-    out_t: Any,
-    out_primitive: Any,
-    out_u: Any,
-    out_v: Any,
-    width: int,
-) -> None:
-    """Answer rays start..end in tiles; parameters as :func:`tracer.rays.single.trace_single`, without COUNT.
-
-    Parameters
-    ----------
-    width
-        Rays from one row of a picture to the next; less than SIDE: no picture, tiles are 64 rays in a row.
-    """
-    tile = np.empty(TILE_BYTES // 8 + 8)
-    alone = np.empty(WAITING + PACKET, np.int64)
-    outputs = (address_of(out_t), address_of(out_primitive), address_of(out_u), address_of(out_v))
-    _trace(address_of(tree), rays, start, end, mode, width, outputs, (address_of(tile) + 63) & ~63, address_of(alone))
-    tile[0] = alone[0] = 0  # used to the end: numba frees an array after its last use

@@ -6,6 +6,7 @@ Invariant: no triangle is sifted out that the predicate would say is met.
 from typing import Any, Final
 
 from tracer.accel.emit import ORDER_BITS, PLACE_1, PLACE_2
+from tracer.accel.layout import UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.predicate import intersect_triangle
@@ -38,7 +39,7 @@ _int64: Final = types.int64
 CLOSEST: Final = 0
 ANY: Final = 1
 COUNT: Final = 2
-DIM: Final = 3  # a packet's light is multiplied by what each surface lets through
+SHADE: Final = 3  # a packet's light is multiplied by what each surface lets through
 _INF: Final = float("inf")
 _SIGN_BIT: Final = -(2**31)
 
@@ -58,6 +59,12 @@ def _coarse_rows(at: int, row: int, wide: int) -> Any:
             convert(_float32, load(float64x8, at + 6 * row)),
         )
     return load(float32x8, at), load(float32x8, at + 3 * row), load(float32x8, at + 6 * row)
+
+
+@inline
+def leaf_of(base: int, word: int) -> Any:
+    """Return (address, triangles) of the leaf that a child word names, in the tree at address ``base``."""
+    return base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1
 
 
 @inline

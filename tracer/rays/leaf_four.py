@@ -12,10 +12,9 @@ triangles as near as the nearest so far, go to the scalar predicate.
 from typing import Any, Final
 
 from tracer.accel.emit import ORDER_BITS
-from tracer.accel.layout import UNIT
 from tracer.jit import inline
 from tracer.rays import state as s
-from tracer.rays.leaf import ANY, CLOSEST, COUNT, DIM, decide, keep, over_sum, word_of
+from tracer.rays.leaf import ANY, CLOSEST, COUNT, SHADE, decide, keep, leaf_of, over_sum, word_of
 from tracer.rays.packet_shade import dim_four
 from tracer.rays.predicate import CERTAIN, TINY, weigh
 from tracer.rays.rows import LANES, STEP
@@ -44,12 +43,6 @@ _int32: Final = types.int32
 _int64: Final = types.int64
 
 RAYS: Final = 4
-
-
-@inline
-def leaf_of(base: int, word: int) -> Any:
-    """Return (address, triangles) of the leaf that a child word names, in the tree at address ``base``."""
-    return base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1
 
 
 @inline
@@ -142,7 +135,7 @@ def _note(wide: int, base: int, state: int, t: float, weights: Any, mode: int, s
         return
     if mode == ANY:
         _end(state)
-    elif mode == DIM:
+    elif mode == SHADE:
         _dim(state, word >> ORDER_BITS, shading)
     else:
         keep(state, word, t, weights)
@@ -177,10 +170,10 @@ def visit_next(wide: int, base: int, places: int, count: int, mode: int, shading
         How many of them are meant.
     mode
         CLOSEST: the least (t, id) is kept in the state. ANY: BEST_ID becomes 0. COUNT: BEST_ID, from -1, is increased.
-        DIM: the packet's light is multiplied, and BEST_ID becomes 0 when none is left.
+        SHADE: the packet's light is multiplied, and BEST_ID becomes 0 when none is left.
     shading
-        For DIM: addresses of the packet, of the first material's kt and of the faces' materials (int32), and the bytes
-        from material to material.
+        For SHADE: addresses of the packet, of the first material's kt and of the faces' materials (int32), and the
+        bytes from material to material.
     """
     states = load(_int64, places), load(_int64, places + 8), load(_int64, places + 16), load(_int64, places + 24)
     row_0, place_0 = _row_and_place(wide, base, states[0])

@@ -20,7 +20,6 @@ from tracer.accel.layout import (
     FRAME_CENTRE,
     FRAME_HALF,
     FRAME_SCALE,
-    HEADER_BYTES,
     HEADER_WIDE_LEAVES,
     NODE_CHILDREN,
     NODE_HIGH,
@@ -61,9 +60,10 @@ from tracer.rays.beam import (
     survey_pencil,
 )
 from tracer.rays.children import push_children
+from tracer.rays.leaf import ANY, CLOSEST, SHADE, leaf_of
 from tracer.rays.packet_corners import ACROSS, APART, coincide, judge_triangle
 from tracer.rays.packet_cut import cut_leaf
-from tracer.rays.packet_leaf import meet_triangle, meet_within
+from tracer.rays.packet_leaf import FOUND_BYTES, meet_triangle, meet_within
 from tracer.rays.packet_shade import LIGHT_BYTES, dim, keep_light, lets_nothing_through, restore_light
 from tracer.rays.rows import (
     AXIS,
@@ -73,8 +73,10 @@ from tracer.rays.rows import (
     STEP,
     VECTORS,
     WEIGHT_1,
+    axes_of,
 )
 from tracer.rays.sift import EVERY_GROUP, GROUPS_BYTES, draw_groups
+from tracer.rays.start import ROOT
 from tracer.rays.tile_beam import groups_of
 from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach
 from tracer.simd import (
@@ -99,10 +101,7 @@ _float64: Final = types.float64
 _int32: Final = types.int32
 _int64: Final = types.int64
 
-CLOSEST: Final = 0
-ANY: Final = 1  # which rays meet anything
-SHADE: Final = 2  # light is multiplied by what each surface lets through
-SOLE: Final = 3  # what do all rays between four meet? PENCIL, ENDING or PARALLEL is added
+SOLE: Final = 4  # what do all rays between four meet? PENCIL, ENDING or PARALLEL is added
 # Added to a mode: what is known of the rays.
 FROM_POINT: Final = 16  # one origin, and no end
 TO_POINT: Final = 32  # what they end in is one point
@@ -118,14 +117,11 @@ _KIND_BITS: Final = 6
 _TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
-_FOUND_BYTES: Final = 4 * STEP
 # What is counted as work
 _NODE: Final = 1
 _LEAF: Final = 2
 _TRIANGLE: Final = 4
 _TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
-_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
-_ROOT: Final = HEADER_BYTES // UNIT << 3
 _ROUNDING: Final = 2.0**-21  # of float32 slopes, starts and products, and room
 _THINNEST: Final = 2.0**-10  # depth over which the chords are drawn at least
 
@@ -157,7 +153,7 @@ def trace_packet(
         Address of the tree.
     packet
         Address of the rays (:mod:`tracer.rays.rows`): ORIGIN, SHEAR, SPEED, AXIS, T_BEST and SKIP are set; for CLOSEST
-        PRIMITIVE is -1 too, for SHADE LIGHT is 1.
+        PRIMITIVE is -1 too, for SHADE LIGHT is 1 and LIGHT_REST 0.
     active
         Set of rays, not empty.
     mode
@@ -185,9 +181,7 @@ def trace_packet(
     if load(_float64, base + 8 * FRAME_HALF) < 0.0:  # an empty tree
         return _int64(NONE if mode & MODES == SOLE else 0), nobody
     axis = load(_int64, packet + AXIS + 8 * count_trailing_zeros(active))
-    kz = axis >> 1
-    kx = kz - 2 if kz == 2 else kz + 1
-    ky = kz - 1 if kz > 0 else _int64(2)
+    kx, ky, kz = axes = axes_of(axis)
     sign = -1.0 if axis & 1 else 1.0
     scale = load(_float64, base + 8 * FRAME_SCALE)
     cx = load(_float64, base + 8 * FRAME_CENTRE + 8 * kx)
@@ -195,7 +189,6 @@ def trace_packet(
     cz = load(_float64, base + 8 * FRAME_CENTRE + 8 * kz)
     half = load(_float64, base + 8 * FRAME_HALF + 8 * kz)
     frame = (cx, cy, cz, scale, sign)
-    axes = (kx, ky, kz)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_MEMORY)
     one_origin = mode & FROM_POINT != 0
@@ -259,7 +252,7 @@ def trace_packet(
     size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
-    found = stack_memory(_FOUND_BYTES)
+    found = stack_memory(FOUND_BYTES)
     lines = stack_memory(GROUPS_BYTES)
     boxes = stack_memory(BOXES_BYTES)
     light = stack_memory(LIGHT_BYTES)
@@ -269,7 +262,7 @@ def trace_packet(
     ended = _int64(NONE if mode == SOLE else 0)
     closest = _int64(1 if mode == CLOSEST else 0)
     top = stack
-    word = _int64(_ROOT)
+    word = _int64(ROOT)
     limit = to_bits(_float32(farthest_depth - first_depth) * _float32(1.000001))
     while True:
         while word >= 0:
@@ -296,8 +289,7 @@ def trace_packet(
             top = push_children(base, hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
-            leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
-            n = (word & 7) + 1
+            leaf, n = leaf_of(base, word)
             row = n * size
             ids = leaf + 9 * row
             work += _LEAF

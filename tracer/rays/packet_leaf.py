@@ -27,6 +27,7 @@ from tracer.rays.rows import (
     VECTORS,
     WEIGHT_1,
     WEIGHT_2,
+    axes_of,
     mask_of,
     put,
     put_integers,
@@ -48,6 +49,9 @@ from tracer.simd.gateway import types
 _float32: Final = types.float32
 _float64: Final = types.float64
 _int64: Final = types.int64
+
+
+FOUND_BYTES: Final = 4 * STEP  # of `decide_lanes`
 
 
 @kernel
@@ -231,9 +235,7 @@ def meet_known(
         All of them start in one point.
     """
     stand_alone()
-    kz = axis >> 1
-    axes = (kz - 2 if kz == 2 else kz + 1, kz - 1 if kz > 0 else _int64(2), kz)
-    meet_within(place, size, row, word, packet, active, axes, one_origin)
+    meet_within(place, size, row, word, packet, active, axes_of(axis), one_origin)
 
 
 @inline

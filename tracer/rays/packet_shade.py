@@ -1,8 +1,9 @@
 """Light of shadow rays behind a surface.
 
 What is left of a light is a product of up to many kt, in an order that depends on the way through the tree, and so on
-the company that a ray has. It is kept as the unevaluated sum of two float64, LIGHT and LIGHT_REST, off by some 2**-104:
-rounded to LIGHT, it is the same in every order.
+the company that a ray has. It is kept as the unevaluated sum of two float64, LIGHT and LIGHT_REST, off by some 2**-104
+a factor: rounded to LIGHT it is the same in every order, but for about one product in 2**50, that near the middle
+between two numbers.
 
 Sources: Dekker 1971 (products of two float64 without error); Joldes, Muller and Popescu 2017, algorithm 9.
 """

@@ -17,7 +17,8 @@ from tracer.accel.build import MAX_DEPTH
 from tracer.geometry.vector import at
 from tracer.jit import inline, kernel
 from tracer.rays.bundle import trace_bundle
-from tracer.rays.packet import FROM_POINT, SHADE, TO_POINT
+from tracer.rays.leaf import SHADE
+from tracer.rays.packet import FROM_POINT, TO_POINT
 from tracer.rays.packet_shade import LIGHT_BYTES
 from tracer.rays.rows import (
     INTEGERS,
@@ -286,7 +287,7 @@ def trace_placements(
     Returns
     -------
     int64
-        As :func:`tracer.rays.packet.trace_packet`.
+        As :func:`tracer.rays.bundle.trace_bundle`.
     """
     stand_alone()
     mode &= ~(FROM_POINT | TO_POINT)  # ends change from placement to placement, and a map rounds what they end in

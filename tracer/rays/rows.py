@@ -23,6 +23,7 @@ from tracer.simd import (
     select,
     splat,
     store,
+    to_bits,
 )
 from tracer.simd.gateway import types
 
@@ -51,7 +52,7 @@ VECTOR: Final = float64x4
 INTEGERS: Final = int64x4
 MASK: Final = mask4
 NIBBLE: Final = 15
-ALL: Final = -1 if PACKET == 64 else (1 << PACKET) - 1
+ALL: Final = -1
 
 
 @inline
@@ -98,6 +99,22 @@ def shear_lanes(packet: int, vector: int, dx: Any, dy: Any, dz: Any) -> None:
     zero, unit = splat(INTEGERS, _int64(0)), splat(INTEGERS, _int64(1))
     axis = select(along_z, splat(INTEGERS, _int64(4)), select(along_y, splat(INTEGERS, _int64(2)), zero))
     store(at + AXIS, axis + select(kz < splat(VECTOR, 0.0), unit, zero))
+
+
+@inline
+def axes_of(axis: int) -> Any:
+    """Return (kx, ky, kz) of an AXIS."""
+    kz = axis >> 1
+    return kz - 2 if kz == 2 else kz + 1, kz - 1 if kz > 0 else _int64(2), kz
+
+
+@inline
+def blend(mask: Any, new: Any, old: Any) -> Any:
+    """Take ``new`` where the mask, int64 lanes of -1 or 0, is set, else ``old``.
+
+    Not by `select`: a store of it becomes a masked store, which costs ten plain ones on some CPUs.
+    """
+    return bitcast(VECTOR, (to_bits(new) & mask) | (to_bits(old) & ~mask))
 
 
 @inline

@@ -11,15 +11,11 @@ Invariant: a group is left out only where none of its rays meets the triangle's 
 from typing import Any, Final
 
 from tracer.jit import kernel
-from tracer.rays.tile_beam import BEAM_BYTES, draw_lines, pad_of, survey_tile
+from tracer.rays.tile_beam import BEAM_BYTES, LATE, draw_lines, is_resolved, leaf_pad, pad_of, slop_of, survey_tile
 from tracer.simd import stand_alone
 
 GROUPS_BYTES: Final = BEAM_BYTES  # the groups' lines
 EVERY_GROUP: Final = 0xFFFF
-_LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
-_FARTHEST: Final = 64.0  # origin, frame units: beyond, float32 lines are too coarse
-_COARSEST: Final = 2.0**-16  # slop
-_SCALES: Final = 1e15  # float32 leaves are brought into the frame in float32 within these
 
 
 @kernel
@@ -48,8 +44,8 @@ def draw_groups(packet: int, active: int, size: int, axes: Any, frame: Any, brea
     cx, cy, cz, scale, _sign = frame
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
     reach = survey_tile(packet, active, axes, frame, breadth, lines)
-    slop = 2.0**-46 * (1.0 + reach + centre)
-    if not (reach <= _FARTHEST and slop <= _COARSEST and (size == 8 or 1.0 / _SCALES < scale < _SCALES)):
+    slop = slop_of(reach, centre)
+    if not is_resolved(reach, slop, size, scale):
         return -1.0
-    draw_lines(lines, breadth, pad_of(reach, breadth, slop), _LATE + slop)
-    return float(2.0**-22 * (2.0 + centre))  # what a leaf's coordinates lose on their way into the frame
+    draw_lines(lines, breadth, pad_of(reach, breadth, slop), LATE + slop)
+    return leaf_pad(centre)

@@ -12,7 +12,7 @@ from tracer.accel.layout import HEADER_WIDE_LEAVES, NODE_CHILDREN, STACK_ENTRIES
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
 from tracer.rays.children import push_children
-from tracer.rays.leaf import ANY, CLOSEST, COUNT, decide, finish, keep, over_sum, word_of
+from tracer.rays.leaf import ANY, CLOSEST, COUNT, decide, finish, keep, leaf_of, over_sum, word_of
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
     address_of,
@@ -39,7 +39,7 @@ _NEAR_BYTES: Final = 32
 _STATES_BYTES: Final = LANES * s.STATE_BYTES
 _SLOTS_BYTES: Final = 8 * LANES
 _END: Final = END & 0xFFFFFFFF  # at distance 0: never dropped
-FAR_X, FAR_Y, FAR_Z = s.NEAR_AND_FAR
+_FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
 
 
 @inline
@@ -50,7 +50,7 @@ def _spread(address: int) -> Any:
 @inline
 def _visit_leaf(wide: int, base: int, word: int, state: int, mode: int) -> bool:
     """Decide about all triangles of a leaf; tells whether the ray's answer changed."""
-    leaf, n = base + (word & 0x7FFFFFF8) * (UNIT // 8), (word & 7) + 1
+    leaf, n = leaf_of(base, word)
     changed = False
     for k in range(n):
         met, t, u, v, w = decide(wide, leaf, n, k, state)
@@ -94,7 +94,7 @@ def trace(base: int, state: int, stack: int, near: int, mode: int) -> None:
     near_x = load(_int64, state + s.NEAR_X)
     near_y = load(_int64, state + s.NEAR_Y)
     near_z = load(_int64, state + s.NEAR_Z)
-    far_x, far_y, far_z = FAR_X - near_x, FAR_Y - near_y, FAR_Z - near_z
+    far_x, far_y, far_z = _FAR_X - near_x, _FAR_Y - near_y, _FAR_Z - near_z
     first = _spread(state + s.F_MIN)
     best = load(_float32, state + s.F_BEST)
     last = splat(float32x8, best)

@@ -39,7 +39,7 @@ T_BEST: Final = 56  # tmax, then the nearest hit
 AXIS_X: Final = 64  # int64: kx, ky, kz
 AXIS_Y: Final = 72
 AXIS_Z: Final = 80
-BEST_ID: Final = 88  # int64: primitive, or -1; in count mode the number of crossings
+BEST_ID: Final = 88  # int64: primitive, or -1; COUNT: crossings less 1; 0 for ANY and SHADE where the ray has ended
 TIME_SCALE: Final = 96  # float64: frame time = T * TIME_SCALE - TIME_ENTRY
 TIME_ENTRY: Final = 104
 TIME_SLACK: Final = 112

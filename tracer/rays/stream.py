@@ -17,8 +17,9 @@ from typing import Any, Final
 from tracer.accel.layout import HEADER_DEPTH, HEADER_WIDE_LEAVES, NODE_CHILDREN, NODE_WIDTH, STACK_ENTRIES, UNIT
 from tracer.jit import inline, kernel
 from tracer.rays import state as s
-from tracer.rays.leaf import CLOSEST, finish, sift_leaf
-from tracer.rays.leaf_four import RAYS, leaf_of, visit_next
+from tracer.rays.children import expect_child
+from tracer.rays.leaf import CLOSEST, finish, leaf_of, sift_leaf
+from tracer.rays.leaf_four import RAYS, visit_next
 from tracer.rays.packet_start import FOUR_BYTES, finish_lane, start_lanes
 from tracer.rays.start import END, LANES, SCRATCH_BYTES, reach_of, start_rays
 from tracer.simd import (
@@ -60,7 +61,6 @@ _LIST_BYTES: Final = 8 * IN_FLIGHT + 64
 _REST_BYTES: Final = max(SCRATCH_BYTES, FOUR_BYTES)
 _BOTTOM: Final = -(2**31)  # nearer than anything: never dropped
 _FAR_X, _FAR_Y, _FAR_Z = s.NEAR_AND_FAR
-_LINES: Final = 4  # cache lines asked for: a node, or most of a leaf
 
 
 @inline
@@ -143,9 +143,7 @@ def _go_to(base: int, state: int, top: int) -> Any:
     word = _int64(load(_int32, top + _WORDS))
     store(state + s.STACK_TOP, top)
     store(state + s.NODE, word)
-    place = base + (word & 0x7FFFFFF8) * (UNIT // 8)
-    for line in range(_LINES):
-        prefetch(place + 64 * line)
+    expect_child(base, word)
     return word
 
 
@@ -249,7 +247,7 @@ def follow_all(base: int, rays: Any, shading: Any, listed: int, start: int, end:
     Returns
     -------
     int64
-        A packet's rays that met something (ANY), or have no light left (DIM); else 0.
+        A packet's rays that met something (ANY), or have no light left (SHADE); else 0.
     """
     packet = shading[0]
     ended = _int64(0)

@@ -44,6 +44,10 @@ Y_HIGH: Final = 6 * LINE
 ENDS: Final = 8 * LINE  # greatest depth at which one of the four can still find something
 BEGINS: Final = 9 * LINE  # least depth of an origin
 BEAM_BYTES: Final = 10 * LINE
+LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
+_FARTHEST: Final = 64.0  # origin, frame units: beyond, float32 lines are too coarse
+_COARSEST: Final = 2.0**-16  # slop
+_SCALES: Final = 1e15  # float32 leaves are brought into the frame in float32 within these
 
 
 @inline
@@ -131,6 +135,24 @@ def survey_tile(tile: int, active: int, axes: Any, frame: Any, half: float, beam
         store(row + BEGINS, minimum(minimum(z0, z1), minimum(z2, z3)))
         reach = maximum(reach, maximum(maximum(r0, r1), maximum(r2, r3)))
     return reduce_max(reach)
+
+
+@inline
+def slop_of(reach: float, centre: float) -> float:
+    """Return what float64 does not resolve of coordinates so far out, in frame units."""
+    return 2.0**-46 * (1.0 + reach + centre)
+
+
+@inline
+def is_resolved(reach: float, slop: float, size: int, scale: float) -> bool:
+    """Tell whether lines and boxes in float32 are fine enough for a tree's scale and bytes of a coordinate."""
+    return bool(reach <= _FARTHEST and slop <= _COARSEST and (size == 8 or 1.0 / _SCALES < scale < _SCALES))
+
+
+@inline
+def leaf_pad(centre: float) -> float:
+    """Return what a leaf's coordinates lose on their way into the frame."""
+    return 2.0**-22 * (2.0 + centre)
 
 
 @inline

@@ -26,6 +26,7 @@ from tracer.rays.rows import (
     VECTOR,
     WEIGHT_1,
     WEIGHT_2,
+    blend,
     mask_of,
 )
 from tracer.rays.tile import LANE_MASKS, T_MIN, WEIGHTS
@@ -36,7 +37,6 @@ from tracer.simd import (
     count_trailing_zeros,
     float32x8,
     float64x8,
-    from_bits,
     load,
     mask_to_bits,
     maximum,
@@ -44,7 +44,6 @@ from tracer.simd import (
     multiply_add,
     splat,
     store,
-    to_bits,
     unlikely,
 )
 from tracer.simd.gateway import types
@@ -53,7 +52,6 @@ _float32: Final = types.float32
 _int32: Final = types.int32
 _int64: Final = types.int64
 
-FOUND_BYTES: Final = 4 * STEP
 BOXES_BYTES: Final = 6 * 32  # least and greatest x, y, depth of eight triangles
 
 
@@ -126,15 +124,6 @@ def groups_that_reach(beam: int, box: int) -> Any:
         Address of the triangle's first value in what `box_triangles` wrote.
     """
     return _groups_at(beam, box) | (_groups_at(beam + 32, box) << 8)
-
-
-@inline
-def _blend(mask: Any, new: Any, old: Any) -> Any:
-    """Take ``new`` where the mask, from memory, is -1, else ``old``.
-
-    Not by `select`: a store of it becomes a masked store, which costs ten plain ones on some CPUs.
-    """
-    return from_bits((to_bits(new) & mask) | (to_bits(old) & ~mask))
 
 
 @inline
@@ -246,11 +235,11 @@ def meet(
             third = (PLACE_2 >> (2 * order)) & 3
             weight_1 = u if second == 0 else (v if second == 1 else w)
             weight_2 = u if third == 0 else (v if third == 1 else w)
-            t_best = _blend(mask, t, t_best)
+            t_best = blend(mask, t, t_best)
             store(ray + T_BEST, t_best)
-            store(ray + WEIGHT_1, _blend(mask, weight_1, load(VECTOR, ray + WEIGHT_1)))
-            store(ray + WEIGHT_2, _blend(mask, weight_2, load(VECTOR, ray + WEIGHT_2)))
-            store(ray + WEIGHTS, _blend(mask, total, load(VECTOR, ray + WEIGHTS)))
+            store(ray + WEIGHT_1, blend(mask, weight_1, load(VECTOR, ray + WEIGHT_1)))
+            store(ray + WEIGHT_2, blend(mask, weight_2, load(VECTOR, ray + WEIGHT_2)))
+            store(ray + WEIGHTS, blend(mask, total, load(VECTOR, ray + WEIGHTS)))
             store(ray + PRIMITIVE, (splat(INTEGERS, primitive) & mask) | (best & ~mask))
             store(beam + ENDS + 4 * i, deepest_of(ray, mask_of(active, i), oz, t_best, frame) + _float32(room))
         else:

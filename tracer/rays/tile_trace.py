@@ -14,7 +14,6 @@ from tracer.accel.layout import (
     FRAME_CENTRE,
     FRAME_HALF,
     FRAME_SCALE,
-    HEADER_BYTES,
     HEADER_WIDE_LEAVES,
     NODE_CHILDREN,
     NODE_HIGH,
@@ -23,11 +22,15 @@ from tracer.accel.layout import (
 )
 from tracer.jit import inline, kernel
 from tracer.rays.children import push_children
-from tracer.rays.rows import AXIS
+from tracer.rays.leaf import leaf_of
+from tracer.rays.packet_leaf import FOUND_BYTES
+from tracer.rays.rows import AXIS, axes_of
+from tracer.rays.start import ROOT
 from tracer.rays.tile_beam import (
     BEAM_BYTES,
     BEGINS,
     ENDS,
+    LATE,
     LINE,
     X_HIGH,
     X_LOW,
@@ -36,12 +39,15 @@ from tracer.rays.tile_beam import (
     draw_lines,
     greatest_of,
     groups_of,
+    is_resolved,
+    leaf_pad,
     least_of,
     pad_of,
+    slop_of,
     survey_tile,
     whole_line,
 )
-from tracer.rays.tile_leaf import BOXES_BYTES, FOUND_BYTES, box_triangles, groups_that_reach, meet, word_of
+from tracer.rays.tile_leaf import BOXES_BYTES, box_triangles, groups_that_reach, meet, word_of
 from tracer.simd import (
     count_trailing_zeros,
     float32x8,
@@ -66,12 +72,7 @@ _int64: Final = types.int64
 
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
-_ROOT: Final = HEADER_BYTES // UNIT << 3
 _THINNEST: Final = 2.0**-10  # depth over which the lines are drawn at least
-_LATE: Final = 2.0**-18  # depth, and room, by which a hit's t and its float32 can be off
-_FARTHEST: Final = 64.0  # origin, frame units: beyond, float32 lines are too coarse
-_COARSEST: Final = 2.0**-16  # slop
-_SCALES: Final = 1e15  # float32 leaves are brought into the frame in float32 within these
 
 # What is counted as work, in units of one vector of rays against one triangle
 _NODE: Final = 2
@@ -108,9 +109,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     """
     stand_alone()
     axis = load(_int64, tile + AXIS + 8 * count_trailing_zeros(active))
-    kz = axis >> 1
-    kx = kz - 2 if kz == 2 else kz + 1
-    ky = kz - 1 if kz > 0 else _int64(2)
+    kx, ky, kz = axes = axes_of(axis)
     sign = -1.0 if axis & 1 else 1.0
     scale = load(_float64, base + 8 * FRAME_SCALE)
     cx = load(_float64, base + 8 * FRAME_CENTRE + 8 * kx)
@@ -118,19 +117,17 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     cz = load(_float64, base + 8 * FRAME_CENTRE + 8 * kz)
     half = load(_float64, base + 8 * FRAME_HALF + 8 * kz)
     frame = (cx, cy, cz, scale, sign)
-    axes = (kx, ky, kz)
     size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
     if half < 0.0:  # an empty tree
         return _int64(0), _int64(0)
     breadth = max(half, _THINNEST)
     beam = stack_memory(BEAM_BYTES)
     reach = survey_tile(tile, active, axes, frame, breadth, beam)
-    # what float64 does not resolve of coordinates so far out, in frame units
     centre = max(abs(cx), abs(cy), abs(cz)) * scale
-    slop = 2.0**-46 * (1.0 + reach + centre)
-    if not (reach <= _FARTHEST and slop <= _COARSEST and (size == 8 or 1.0 / _SCALES < scale < _SCALES)):
+    slop = slop_of(reach, centre)
+    if not is_resolved(reach, slop, size, scale):
         return _int64(0), active
-    room = _LATE + slop
+    room = LATE + slop
     first_depth = _float32(max(least_of(beam + BEGINS), -half) - room)
     last_depth = min(greatest_of(beam + ENDS), _float32(half)) + _float32(room)
     if first_depth > last_depth:
@@ -151,7 +148,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     x_row, y_row = 32 * kx, 32 * ky
     near_row = 32 * kz + (NODE_HIGH if axis & 1 else 0)
     far_row = 32 * kz + (0 if axis & 1 else NODE_HIGH)
-    outward = 2.0**-22 * (2.0 + centre)  # what a leaf's coordinates lose on their way into the frame
+    outward = leaf_pad(centre)
     stack = stack_memory(_STACK_BYTES)
     near = stack_memory(_NEAR_BYTES)
     boxes = stack_memory(BOXES_BYTES)
@@ -160,7 +157,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
     ended = _int64(0)
     work = _int64(0)
     top = stack
-    word = _int64(_ROOT)
+    word = _int64(ROOT)
     limit = to_bits(last_depth - first_depth)
     while True:
         while word >= 0:
@@ -187,8 +184,7 @@ def trace_tile(base: int, tile: int, active: int, closest: int, budget: int) -> 
             top = push_children(_int64(0), hits, near, children, top) - 8
             word = _int64(_int32(load(_int64, top)))
         if word < 0:
-            leaf = base + ((word & 0x7FFFFFF8) * (UNIT // 8))
-            n = (word & 7) + 1
+            leaf, n = leaf_of(base, word)
             x0, x1, y0, y1, z0, z1 = box_triangles(leaf, n, size, axes, frame, outward, boxes)
             enter, leave = maximum(z0, nearest), minimum(z1, farthest)
             inside = (enter <= leave) & (x0 <= multiply_add(xh_up, leave, multiply_add(xh_down, enter, xh)))

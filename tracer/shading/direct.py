@@ -200,8 +200,8 @@ def face_light(view: SceneView, light: int, packet: int, shadows: int, lanes: in
     packet
         Address of the hits; TO_LIGHT, COSINE and STRENGTH are written.
     shadows
-        Address of a packet for the shadow rays: ORIGIN, SHEAR, SPEED, AXIS, T_BEST, SKIP, LIGHT are written. 0: none
-        are wanted, all light arrives.
+        Address of a packet for the shadow rays: ORIGIN, SHEAR, SPEED, AXIS, T_BEST, SKIP, LIGHT, LIGHT_REST are
+        written. 0: none are wanted, all light arrives.
     lanes
         The hits.
     n_solids

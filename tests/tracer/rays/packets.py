@@ -15,7 +15,8 @@ from tracer.accel.wide import build_wide
 from tracer.geometry.vector import at
 from tracer.jit import int64, kernel, pointer
 from tracer.rays.bundle import trace_alone, trace_bundle
-from tracer.rays.packet import ANY, CLOSEST, SHADE, UNLIMITED, trace_packet
+from tracer.rays.leaf import ANY, CLOSEST, SHADE
+from tracer.rays.packet import UNLIMITED, trace_packet
 from tracer.rays.placed import trace_scene
 from tracer.rays.predicate import intersect_triangle, shear_of
 from tracer.rays.rows import (

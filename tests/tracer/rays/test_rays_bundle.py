@@ -7,7 +7,7 @@ from tests.numerics.closed_meshes import by_brute_force, sphere
 from tests.tracer.rays.packets import clutter, follow, put_direction, tree_of
 from tracer.jit import int64, kernel
 from tracer.rays.bundle import trace_bundle
-from tracer.rays.packet import CLOSEST
+from tracer.rays.leaf import CLOSEST
 from tracer.rays.rows import PACKET, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
 from tracer.simd import address_of, store
 from tracer.simd.gateway import types
