@@ -20,7 +20,6 @@ from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
 
 _int64 = types.int64
-_float64 = types.float64
 BETWEEN = 16  # rays that each beam is held against
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 _CERTAIN_AXIS = 1.0 - 2.0**-30
