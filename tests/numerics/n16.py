@@ -3,8 +3,8 @@
 import time
 
 import numpy as np
+from by_packets import by_packets
 from closed_meshes import sphere
-from packets import by_packets
 from row import Row
 
 from tracer.accel.layout import HEADER_DEPTH, MAX_DEPTH
