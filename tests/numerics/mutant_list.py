@@ -333,7 +333,7 @@ MUTANTS = [
         "attenuation-unguarded",
         "N18",
         "shading/phong.py",
-        "return 1.0 / denominator if denominator > 0.0 else 0.0",
+        "return 1.0 / max(denominator, LEAST_DENOMINATOR) if denominator > 0.0 else 0.0",
         "return 1.0 / denominator",
     ),
     Mutant("empty-intervals-are-searched", "N6", "rays/start.py", "(t_min < t_max)", "(t_min <= t_max)"),
