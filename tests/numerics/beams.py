@@ -10,8 +10,8 @@ first meet it, too. Of a beam that ends in a point (a lamp) and is darkened by a
 from typing import NamedTuple
 
 import numpy as np
-from closed_meshes import by_brute_force
 
+from tests.numerics.closed_meshes import by_brute_force
 from tests.tracer.rays.packets import axis_of, put_direction
 from tracer.jit import int64, kernel
 from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, UNLIMITED, trace_packet

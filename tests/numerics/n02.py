@@ -12,10 +12,10 @@ does so about the same moved ray. And rays at random triangles of fine and coars
 import numpy as np
 from beams import span, wrong_answers
 from by_packets import BUDGETS, by_packets
-from closed_meshes import by_brute_force, cube, mix
 from n01 import batches
 from row import Row
 
+from tests.numerics.closed_meshes import by_brute_force, cube, mix
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.placements import place, random_turn, rows_of
 from tracer.rays import RayCaster

@@ -2,9 +2,9 @@
 
 import numpy as np
 from by_packets import BUDGETS, by_packets
-from closed_meshes import by_brute_force, flat_boxes
 from row import Row
 
+from tests.numerics.closed_meshes import by_brute_force, flat_boxes
 from tracer.rays import RayCaster
 
 

@@ -8,10 +8,10 @@ ends of float64. Oracle of these: brute force.
 
 import numpy as np
 from by_packets import by_packets
-from closed_meshes import by_brute_force, flat_boxes, needle, sphere, torus
 from n02 import answers, paths_of
 from row import Row
 
+from tests.numerics.closed_meshes import by_brute_force, flat_boxes, needle, sphere, torus
 from tracer.jit import kernel
 from tracer.rays import RayCaster
 from tracer.rays import state as s

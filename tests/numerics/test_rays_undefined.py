@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from closed_meshes import sphere
 
+from tests.numerics.closed_meshes import sphere
 from tracer.rays import RayCaster
 
 
