@@ -1,4 +1,4 @@
-"""``make bench-jobs``: whole pictures, beside Mitsuba in the same run; start, compilation, and how cost grows.
+"""``make bench-jobs``: whole pictures, beside other renderers in the same run; start, compilation, and how cost grows.
 
     python -m benchmarks.jobs [--only whole,start,...] [--repeats 5] [--size 512] [--small] [--peer PYTHON]
 

@@ -20,6 +20,7 @@ from benchmarks.contact_sheet import Picture, draw_sheet, save_sheet
 from benchmarks.data import DATA, REPOSITORY, MissingDataError, seed_file
 from benchmarks.machine import describe_machine, machine_line
 from client.assets import sha256_file
+from tests import agreement
 
 SCENE = REPOSITORY / "scenes" / "mini-cornell.json"
 RESULTS = REPOSITORY / "benchmarks" / "results"
@@ -37,6 +38,7 @@ CROPS = {  # left and top, in pixels of the whole picture
 }
 WHOLE = "the whole picture"
 CELL_PX = 80  # one pixel of each cell of the whole picture
+SAMPLES = 16  # of a pixel, as the scene has it
 ORACLE_SAMPLES = 64
 SEED = 20191
 ENLARGED = 8
@@ -73,7 +75,7 @@ class Verdict(NamedTuple):
     z: Numbers  # (n, 3)
     off: NDArray[np.bool_]  # (n,) of these above the limit
     bias: Numbers  # (3,)
-    n_constant: int  # pixels in which nothing but rounding varies: z is 0 in all channels
+    n_constant: int  # pixels whose means differ by no more than rounding: z is 0 in all channels
 
 
 def pixels_of_crop(left: int, top: int) -> NDArray[np.int64]:
@@ -115,8 +117,6 @@ def ask_oracle(document: dict[str, Any], film: NDArray[np.float32]) -> list[Plac
 
 def judge(place: Place, limit: float) -> Verdict:
     """Compare the renderer with the oracle."""
-    from tests import agreement
-
     ours = place.ours.astype(np.float64)
     oracle = place.same.mean(axis=1)
     z, error = agreement.z_scores(ours, place.same, place.independent, BOUND)
@@ -199,7 +199,7 @@ def panels(place: Place, verdict: Verdict, limit: float) -> list[Picture]:
 
 
 TITLES = [
-    "Smalti, 16 samples",
+    f"Smalti, {SAMPLES} samples",
     "oracle, same positions",
     "difference, white: bound",
     f"oracle, {ORACLE_SAMPLES} other samples",
@@ -240,23 +240,24 @@ def figures(place: Place, verdict: Verdict) -> dict[str, Any]:
 
 HEAD = """# Is the MINI's picture right?
 
-`make mini-check` renders `scenes/mini-cornell.json` (3840 x 2160, 16 samples) and compares {pixels} of its pixels with
-the oracle (`tests/naive.py`: equations and brute force, but that 16 triangles share a box): crops over wheels, windows
-and grille, and a random pixel of each cell of {cell} x {cell} of the whole picture.
+`make mini-check` renders `scenes/mini-cornell.json` (3840 x 2160, {ours} samples) and compares {pixels} of its
+pixels with the oracle (`tests/naive.py`: equations and brute force, but that 16 triangles share a box): crops over
+wheels, windows and grille, and a random pixel of each cell of {cell} x {cell} of the whole picture.
 
 **{verdict}**
 
 *Difference*: the oracle takes its samples where the renderer did. Bound: 2^-22 (2.4e-7) of the greater of 1 and the
-value, for texels and film are float32. A sample that leaks or shadows itself is off by a 16th of what it shows. No
+value, for texels and film are float32. A sample that leaks or shadows itself is off by a {ours}th of what it shows. No
 pixel may be *beyond*.
 
 *z*: against the mean of {samples} samples of the oracle, uniform in the pixel, by numpy's generator. Standard error:
-s sqrt(1/16 + 1/{samples}), with s from all {both} values that the oracle has for the pixel. Our samples are stratified,
-so this is too wide for them: the oracle's share alone makes the RMS of z {alone:.2f}, and independent samples of ours
-would make it 1. Limit: {limit:.2f}, Sidak-corrected to a significance of {significance} over all pixels and channels;
-{share:.2%} of the pixels must keep to it, the others are *off*. Differences within the bound above are none: so z is 0
-in pixels that are *constant*, and infinite where the oracle's samples are all the same and ours are not that. *Bias*: z
-of a place's mean, in its worst channel; limit {bias_limit:.2f}.
+s sqrt(1/{ours} + 1/{samples}), with s from all {both} values that the oracle has for the pixel. Our samples are
+stratified, so this is too wide for them: the oracle's share alone makes the RMS of z {alone:.2f}, and independent
+samples of ours would make it 1. Limit: {limit:.2f}, Sidak-corrected to a significance of {significance} over all
+pixels and channels; {share:.2%} of the pixels must keep to it, the others are *off*. Differences within the bound above
+are none: so z is 0 in pixels whose means differ by no more than rounding (*constant*), and infinite where the oracle's
+samples are all the same and ours are not that. *Bias*: z of a place's mean, in its worst channel; limit
+{bias_limit:.2f}.
 
 | place | pixels | difference: median | 99 % | largest | beyond | z: RMS | largest | off | bias | constant | CPU s |
 |---|---|---|---|---|---|---|---|---|---|---|---|
@@ -269,9 +270,10 @@ def page(result: dict[str, Any]) -> str:
         pixels=result["pixels"],
         cell=CELL_PX,
         verdict=result["verdict"],
+        ours=SAMPLES,
         samples=ORACLE_SAMPLES,
-        both=16 + ORACLE_SAMPLES,
-        alone=(16 / (16 + ORACLE_SAMPLES)) ** 0.5,
+        both=SAMPLES + ORACLE_SAMPLES,
+        alone=(SAMPLES / (SAMPLES + ORACLE_SAMPLES)) ** 0.5,
         limit=result["z_limit"],
         significance=SIGNIFICANCE,
         share=LEAST_SHARE,
@@ -313,14 +315,14 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 2
     from benchmarks.local import render_film
-    from tests.agreement import sidak_limit
 
     document = json.loads(SCENE.read_text())
     film = render_film(document, SCENE.parent)
     print(f"{film.pixels.shape[1]} x {film.pixels.shape[0]} pixels: {film.kernel_s:.1f} CPU s", flush=True)
     places = ask_oracle(document, film.pixels)
     n_pixels = sum(len(place.pixels) for place in places)
-    limit, bias_limit = sidak_limit(SIGNIFICANCE, 3 * n_pixels), sidak_limit(SIGNIFICANCE, 3 * len(places))
+    limit = agreement.sidak_limit(SIGNIFICANCE, 3 * n_pixels)
+    bias_limit = agreement.sidak_limit(SIGNIFICANCE, 3 * len(places))
     verdicts = [judge(place, limit) for place in places]
     faults = faults_of(places, verdicts, bias_limit)
     n_beyond = sum(int(verdict.beyond.sum()) for verdict in verdicts)

@@ -16,6 +16,7 @@ from benchmarks.rays_meshes import bumpy_sphere
 
 EYE, TARGET, FOV_DEG = (0.0, 1.0, 3.4), (0.0, 1.0, 0.0), 40.0
 LIGHT, INTENSITY, AMBIENT = (0.2, 1.85, 0.3), 0.8, 0.1
+DEPTH = 3  # mirrors one after another
 BIG = 1_308_736  # triangles of the sphere: 4 x 572 x 572
 PLY = "sphere.ply"
 
@@ -77,7 +78,7 @@ def parts(sphere_triangles: int = 0, *, sphere_mirror: float = 0.0, mirror_walls
     return found
 
 
-def document(scene: list[Part], size: int, samples: int, *, depth: int = 3, lights: int = 1) -> dict[str, Any]:
+def document(scene: list[Part], size: int, samples: int, *, depth: int = DEPTH, lights: int = 1) -> dict[str, Any]:
     """Return the scene document; a part named "sphere" is the file `PLY` beside it.
 
     With several lights they stand in a ring below the ceiling and share the intensity.
@@ -126,7 +127,7 @@ def write_ply(path: Path, part: Part) -> None:
     path.write_bytes(header.encode() + part.vertices.astype("<f4").tobytes() + rows.tobytes())
 
 
-def write_arrays(path: Path, scene: list[Part], size: int, samples: int, depth: int = 3) -> None:
+def write_arrays(path: Path, scene: list[Part], size: int, samples: int) -> None:
     """Write the scene for a peer: `vertices0`, `faces0`, ... and what the document says."""
     arrays: dict[str, Any] = {}
     for i, part in enumerate(scene):
@@ -138,6 +139,6 @@ def write_arrays(path: Path, scene: list[Part], size: int, samples: int, depth: 
         eye=np.array(EYE),
         target=np.array(TARGET),
         light=np.array(LIGHT),
-        numbers=np.array([FOV_DEG, INTENSITY, AMBIENT, size, samples, depth], np.float64),
+        numbers=np.array([FOV_DEG, INTENSITY, AMBIENT, size, samples, DEPTH], np.float64),
         **arrays,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import mirrorbox
-from benchmarks.peers import Turn, find_program, read_ppm, run_program
+from benchmarks.peers import Turn, find_program, read_ppm, run_program, version_of
 
 PROGRAM = "SMALTI_POVRAY"
 _CPU_S = r"{} Time.*?with\s+([\d.]+)\s+CPU-seconds"
@@ -42,13 +42,13 @@ def mesh_text(part: mirrorbox.Part) -> str:
     )
 
 
-def scene_text(scene: list[mirrorbox.Part], depth: int = 3) -> str:
+def scene_text(scene: list[mirrorbox.Part]) -> str:
     """Return the scene file. `right` is +x for a view along -z: that makes the coordinates right-handed."""
     distance = 0.5 / math.tan(math.radians(mirrorbox.FOV_DEG / 2))
     return "".join(
         [
             "#version 3.7;\n",
-            f"global_settings {{ assumed_gamma 1.0 max_trace_level {depth + 1} }}\n",
+            f"global_settings {{ assumed_gamma 1.0 max_trace_level {mirrorbox.DEPTH + 1} }}\n",
             f"camera {{ perspective location {vector(mirrorbox.EYE)}",
             f" up y right x direction <0,0,{-distance:.17g}> }}\n",
             f"light_source {{ {vector(mirrorbox.LIGHT)} rgb {mirrorbox.INTENSITY} }}\n",
@@ -85,8 +85,7 @@ class PovRay:
         resolution = [f"+W{pixels}", f"+H{pixels}", "-A"]
         files = ["+Ipovray.pov", "+Opovray.ppm", "+FP16", "File_Gamma=1.0", "-D", "-V"]
         process_s, said = run_program([self.program, *files, *resolution, "+WT1"], self.folder)
-        version = re.search(r"Version (\S+)", said)
-        self.version = version[1] if version else "of an unknown version"
+        self.version = version_of(said)
         found = [re.search(_CPU_S.format(step), said, re.DOTALL) for step in ("Parse", "Bounding", "Trace")]
         parsing, bounding, tracing = (float(match[1]) if match else math.nan for match in found)
         if math.isnan(parsing + bounding + tracing):

@@ -13,14 +13,13 @@ because Tachyon prints wall time alone; so they contain the 16-bit file that is 
 """
 
 import math
-import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import mirrorbox
-from benchmarks.peers import Turn, find_program, read_ppm, run_program
+from benchmarks.peers import Turn, find_program, read_ppm, run_program, version_of
 
 PROGRAM = "SMALTI_TACHYON"
 # a light is a sphere to Tachyon, and seen
@@ -38,7 +37,7 @@ def part_text(part: mirrorbox.Part) -> str:
     return material + "".join(row % tuple(triangle) for triangle in part.vertices[part.faces].reshape(-1, 9).tolist())
 
 
-def scene_text(scene: list[mirrorbox.Part], size: int, samples: int, depth: int = 3) -> str:
+def scene_text(scene: list[mirrorbox.Part], size: int, samples: int) -> str:
     """Return the scene file."""
     half = math.tan(math.radians(mirrorbox.FOV_DEG / 2))
     low, high = -half - half / size, half - half / size
@@ -47,7 +46,7 @@ def scene_text(scene: list[mirrorbox.Part], size: int, samples: int, depth: int 
     return "".join(
         [
             f"BEGIN_SCENE\nRESOLUTION {size} {size}\nCAMERA\nPROJECTION PERSPECTIVE\nZOOM {0.5 / half:.17g}\n",
-            f"ASPECTRATIO 1\nANTIALIASING {samples - 1}\nRAYDEPTH {depth + 1}\n",
+            f"ASPECTRATIO 1\nANTIALIASING {samples - 1}\nRAYDEPTH {mirrorbox.DEPTH + 1}\n",
             f"CENTER {eye}\nVIEWDIR 0 0 -1\nUPDIR 0 1 0\n",
             f"FRUSTUM {low:.17g} {high:.17g} {low:.17g} {high:.17g}\nEND_CAMERA\n",
             f"LIGHT CENTER {light} RAD {_LIGHT_RADIUS} COLOR {color}\n",
@@ -83,8 +82,7 @@ class Tachyon:
         """Render once, and one pixel once more."""
         reading_s, _ = self.run("pixel.ppm", "-res", "1", "1", "-aasamples", "0")
         process_s, said = self.run("tachyon.ppm")
-        version = re.search(r"Version (\S+)", said)
-        self.version = version[1] if version else "of an unknown version"
+        self.version = version_of(said)
         return Turn(process_s - reading_s, reading_s, process_s)
 
     def picture(self) -> NDArray[np.float64]:

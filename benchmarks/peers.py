@@ -146,6 +146,12 @@ def last_line(text: str) -> str:
     return lines[-1] if lines else "it said nothing"
 
 
+def version_of(text: str) -> str:
+    """Return the version that a program tells among what it said."""
+    found = re.search(r"Version (\S+)", text)
+    return found[1] if found else "of an unknown version"
+
+
 def read_ppm(path: Path) -> NDArray[np.float64]:
     """Return a 16-bit PPM's values over 65535: (rows, columns, 3).
 

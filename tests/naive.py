@@ -288,13 +288,8 @@ class Scene:
 def closest_hit(scene, o, d):
     """Brute force: index of the nearest primitive (-1: none; the first one wins a tie), t, its part and the two coordinates."""
     n = d.shape[1]
-    index, t_hit, part_hit, u_hit, v_hit = (
-        np.full(n, -1),
-        np.full(n, np.inf),
-        np.zeros(n, int),
-        np.zeros(n),
-        np.zeros(n),
-    )
+    index, t_hit, part_hit = np.full(n, -1), np.full(n, np.inf), np.zeros(n, int)
+    u_hit, v_hit = np.zeros(n), np.zeros(n)
     for k, primitive in enumerate(scene.primitives):
         hit, t, part, u, v = primitive.hit(o, d, scene.t_min, np.inf)
         nearer = hit & (t < t_hit)

@@ -10,8 +10,8 @@ first meet it, too. Of a beam that ends in a point (a lamp) and is darkened by a
 from typing import NamedTuple
 
 import numpy as np
-from closed_meshes import by_brute_force
 
+from tests.numerics.closed_meshes import by_brute_force
 from tests.tracer.rays.packets import axis_of, put_direction
 from tracer.jit import int64, kernel
 from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, UNLIMITED, trace_packet
@@ -20,7 +20,6 @@ from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types
 
 _int64 = types.int64
-_float64 = types.float64
 BETWEEN = 16  # rays that each beam is held against
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 _CERTAIN_AXIS = 1.0 - 2.0**-30

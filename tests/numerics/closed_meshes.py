@@ -79,6 +79,13 @@ def flat_boxes():
     return np.concatenate(vertices), np.array(faces, np.int32)
 
 
+def cube():
+    """The cube from -1 to 1: its corners, x slowest, and two triangles for each side, one after the other."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], np.int32)
+
+
 MESHES = {
     "sphere": (sphere, [0.0, 0.0, 0.0], 0.5),
     "torus": (torus, [1.0, 0.0, 0.0], 0.2),

@@ -8,9 +8,9 @@ same rays is told beside: at the origin alone, for it takes float32.
 from importlib.util import find_spec
 
 import numpy as np
-from closed_meshes import AIMS, MESHES, rays_from_inside
 from row import Row
 
+from tests.numerics.closed_meshes import AIMS, MESHES, rays_from_inside
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.visits import count_visits
 from tracer.accel import build_tree, join_hierarchies

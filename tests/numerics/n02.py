@@ -1,26 +1,26 @@
 """N2: every path gives the same primitive and, bit for bit, the same t, u and v; brute force on a part of them.
 
-The paths: single rays, many in flight, tiles of 64 as they come in a batch, few triangles without a tree, the renderer's
-packets, and placements. Rays
-as they come (incoherent: bundles of few), as a pinhole would send them (one origin, sorted by direction), and 64 at a
-time that are a few roundings apart: neighbours in a tile, each at the edge or vertex that the first is aimed at, or all of them
-a little beside it. What four rays tell of all between them is held against brute force, too (:mod:`beams`). A
-placement that is moved decides about the ray in its own space: brute force does so about the same moved ray. And rays
-at random triangles of fine and coarse meshes in one tree (`closed_meshes.mix`), which a builder may lose.
+The paths: single rays, many in flight, tiles of 64 as they come in a batch, few triangles without a tree, the
+renderer's packets, and placements. Rays as they come (incoherent: bundles of few), as a pinhole would send them (one
+origin, sorted by direction), and 64 at a time that are a few roundings apart: neighbours in a tile, each at the edge or
+vertex that the first is aimed at, or all of them a little beside it. What four rays tell of all between them is held
+against brute force, too (:mod:`beams`). A placement that is moved decides about the ray in its own space: brute force
+does so about the same moved ray. And rays at random triangles of fine and coarse meshes in one tree
+(`closed_meshes.mix`), which a builder may lose; and at meshes of so few triangles that no tree is asked (`handful`).
 """
 
 import numpy as np
 from beams import span, wrong_answers
-from closed_meshes import by_brute_force, mix
+from by_packets import BUDGETS, by_packets
 from n01 import batches
-from packets import BUDGETS, by_packets
 from row import Row
 
+from tests.numerics.closed_meshes import by_brute_force, cube, mix
 from tests.tracer.rays.packets import find_closest
 from tests.tracer.rays.placements import place, random_turn, rows_of
 from tracer.rays import RayCaster
 from tracer.rays.brute import trace_brute
-from tracer.rays.brute_table import FEW, tabulate
+from tracer.rays.brute_table import FEW
 from tracer.rays.caster import Hits, checked_rays
 from tracer.rays.coherent import trace_coherent
 from tracer.rays.leaf import ANY, CLOSEST
@@ -33,9 +33,7 @@ TOGETHER = 4  # rays a batch that 63 others go along with, some of them a little
 NARROW = 12  # rays a batch that 63 others go along with all the way
 BEAMS = 24  # a batch
 MIX = 200  # rays a mix of fine and coarse meshes
-BOX = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-BOX_FACES = np.array([face for a, b, c, d in _QUADS for face in ((a, b, c), (a, c, d))])
+BOX, BOX_FACES = cube()
 PATHS = {
     "stream": (trace_stream, ()),
     "tiles in a row": (trace_coherent, (0,)),
@@ -79,15 +77,18 @@ def answers(path, caster, rays, *more):
     return *hits, met.primitive
 
 
+def paths_of(caster):
+    """The paths that are held against single rays: name -> (function, what else it is given)."""
+    if caster.bvh.n_triangles > FEW:
+        return PATHS
+    return {**PATHS, "without a tree": (trace_brute, (caster.few_triangles.ctypes.data,))}
+
+
 def differing(caster, rays):
     """Return how many rays each path answers otherwise than single rays."""
     alone = answers(trace_single, caster, rays)
     wrong = {}
-    paths = dict(PATHS)
-    if caster.bvh.n_triangles <= FEW:
-        table = tabulate(caster.bvh)
-        paths["without a tree"] = (trace_brute, (table.ctypes.data,))
-    for name, (path, more) in paths.items():
+    for name, (path, more) in paths_of(caster).items():
         apart = np.zeros(rays.n, bool)
         for one, other in zip(alone, answers(path, caster, rays, *more), strict=True):
             apart |= one != other
@@ -213,9 +214,11 @@ def run(cases, seed=2):
     )
     for _cell, caster, vertices, faces, origins, directions in batches(cases // 2, seed):
         together = bundles(origins, directions, rng)
-        answers = wrong_answers(caster.bvh.buffer, vertices, faces, span(origins[:BEAMS], directions[:BEAMS], rng))
-        wrong["beams"] += answers[0]
-        told += answers[1]
+        n_wrong, n_told = wrong_answers(
+            caster.bvh.buffer, vertices, faces, span(origins[:BEAMS], directions[:BEAMS], rng)
+        )
+        wrong["beams"] += n_wrong
+        told += n_told
         for o, d in ((origins, directions), fan_out(origins, directions), together):
             hits = caster.closest_hit(o, d)
             for budget in BUDGETS:

@@ -7,16 +7,14 @@ ends of float64. Oracle of these: brute force.
 """
 
 import numpy as np
-from closed_meshes import by_brute_force, flat_boxes, needle, sphere, torus
-from n02 import PATHS, answers
-from packets import by_packets
+from by_packets import by_packets
+from n02 import answers, paths_of
 from row import Row
 
+from tests.numerics.closed_meshes import by_brute_force, flat_boxes, needle, sphere, torus
 from tracer.jit import kernel
 from tracer.rays import RayCaster
 from tracer.rays import state as s
-from tracer.rays.brute import trace_brute
-from tracer.rays.brute_table import FEW, tabulate
 from tracer.rays.caster import checked_rays
 from tracer.rays.leaf import COUNT
 from tracer.rays.single import trace_single
@@ -143,10 +141,7 @@ def differing(caster, given, are_some, right):
     rays = checked_rays(*given)
     alone = answers(trace_single, caster, rays)
     weights = [np.where(primitive >= 0, weight, 0.0) for weight in alone[2:4]]
-    paths = {"single": (trace_single, ()), **PATHS}
-    if caster.bvh.n_triangles <= FEW:
-        table = tabulate(caster.bvh)  # alive while it is asked
-        paths["without a tree"] = (trace_brute, (table.ctypes.data,))
+    paths = {"single": (trace_single, ()), **paths_of(caster)}
     found = {name: answers(path, caster, rays, *more) for name, (path, more) in paths.items()}
     hits = caster.closest_hit(*given)
     found["caster"] = (*hits, caster.any_hit(*given))

@@ -9,7 +9,7 @@ nothing; going in, it meets the far side. From placements too, turned, squeezed 
 import math
 
 import numpy as np
-from packets import by_packets
+from by_packets import by_packets
 from row import Row
 
 from tests.tracer.rays.packets import find_closest

@@ -3,10 +3,10 @@
 import time
 
 import numpy as np
-from closed_meshes import sphere
-from packets import by_packets
+from by_packets import by_packets
 from row import Row
 
+from tests.numerics.closed_meshes import sphere
 from tracer.accel.layout import HEADER_DEPTH, MAX_DEPTH
 from tracer.accel.wide import build_wide
 from tracer.rays import RayCaster

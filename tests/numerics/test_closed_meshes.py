@@ -6,9 +6,9 @@ Small here; the sizes are parameters, for `make stress`.
 
 import numpy as np
 import pytest
-from closed_meshes import AIMS, by_brute_force, rays_from_inside, sphere
 from n01 import CELLS, placed
 
+from tests.numerics.closed_meshes import AIMS, by_brute_force, rays_from_inside, sphere
 from tracer.rays import RayCaster
 
 N_RAYS = 400

@@ -1,8 +1,10 @@
 """The stress suite, small: what `make stress` runs at full size."""
 
 import pytest
-from mutants import MUTANTS, REPOSITORY, apply
+from mutants import REPOSITORY, apply
 from suite import ELSEWHERE, TESTS, WAITING
+
+from tests.numerics.mutant_list import MUTANTS
 
 
 @pytest.mark.parametrize("name", TESTS)

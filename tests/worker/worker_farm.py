@@ -1,6 +1,5 @@
 """What tests of the farm share: small scenes, a context around the fake backend, and turns of steward and assembler."""
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,7 @@ from worker import contract, jobs
 from worker.assembler import Assembler
 from worker.context import WorkerContext
 from worker.queue import Queue
-from worker.records import JobEvent
 from worker.settings import FarmSettings
-from worker.states import TERMINAL
 from worker.steward import Steward
 from worker.store import Store
 from worker.testing import FakeBackend
@@ -53,13 +50,3 @@ class SmallFarm:
 
     def state(self, job_id: str) -> str:
         return str(self.store.last_event(job_id).state)
-
-
-def wait_for_end(store: Store, job_id: str, timeout_s: float = 30.0) -> JobEvent:
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
-        event = store.last_event(job_id)
-        if event.state in TERMINAL:
-            return event
-        time.sleep(0.005)
-    raise AssertionError(f"not ended: {[(e.type, str(e.state), e.at, e.detail) for e in store.events(job_id)]}")

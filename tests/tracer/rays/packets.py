@@ -130,21 +130,28 @@ def clutter(seed=0):
     return rng.choice([-1.0, 1.0], RAY_ROWS * PACKET + 8) * 10.0 ** rng.uniform(-20, 20, RAY_ROWS * PACKET + 8)
 
 
+def _rays(origins, directions, ends, skips):
+    n = len(origins)
+    return (
+        np.ascontiguousarray(origins, np.float64),
+        np.ascontiguousarray(directions, np.float64),
+        np.ascontiguousarray(np.broadcast_to(ends, n), np.float64),
+        np.ascontiguousarray(np.broadcast_to(skips, n), np.int64),
+    )
+
+
 def follow(
     tree, origins, directions, ends=np.inf, skips=-1, *, mode="closest", way="bundle", size=PACKET, kt=None, seed=0
 ):
     """Trace rays ``size`` at a time, in lanes drawn at random.
 
-    ``way``: through `trace_packet`, whoever has the same axis together; through `trace_bundle`; through `follow_packet`;
-    or through `trace_packet` until it has cost a little work, drawn at random, and then `follow_packet`. ``kt`` is
+    ``way``: through `trace_bundle`; through `trace_packet`, whoever has the same axis together; through `trace_alone`;
+    or through `trace_packet` until it has cost a little work, drawn at random, and then `trace_alone`. ``kt`` is
     (n_faces, 3), for "shade".
     """
     n = len(origins)
     rng = np.random.default_rng(seed)
-    origins = np.ascontiguousarray(np.broadcast_to(origins, (n, 3)), np.float64)
-    directions = np.ascontiguousarray(directions, np.float64)
-    ends = np.ascontiguousarray(np.broadcast_to(ends, n), np.float64)
-    skips = np.ascontiguousarray(np.broadcast_to(skips, n), np.int64)
+    origins, directions, ends, skips = _rays(origins, directions, ends, skips)
     table = np.ones((1, 3)) if kt is None else np.ascontiguousarray(kt, np.float64)
     face_material = np.arange(len(table), dtype=np.int32)
     numbers, primitives, ended = np.empty((n, 6)), np.empty(n, np.int64), np.zeros(n, bool)
@@ -202,12 +209,7 @@ def _brute_light(vertices, faces, rays, kt, light, counts):
 def brute_light(vertices, faces, origins, directions, ends=np.inf, skips=-1, kt=None):
     """Return (light (n, 3), number of triangles met (n,)); powers of two for kt make the product exact."""
     n = len(origins)
-    rays = (
-        np.ascontiguousarray(origins, np.float64),
-        np.ascontiguousarray(directions, np.float64),
-        np.ascontiguousarray(np.broadcast_to(ends, n), np.float64),
-        np.ascontiguousarray(np.broadcast_to(skips, n), np.int64),
-    )
+    rays = _rays(origins, directions, ends, skips)
     light, counts = np.ones((n, 3)), np.zeros(n, np.int64)
     table = np.zeros((len(faces), 3)) if kt is None else np.ascontiguousarray(kt, np.float64)
     _brute_light(
@@ -268,16 +270,6 @@ class SceneHits(NamedTuple):
     t: np.ndarray
     primitive: np.ndarray
     uv: np.ndarray
-
-
-def _rays(origins, directions, ends, skips):
-    n = len(origins)
-    return (
-        np.ascontiguousarray(origins, np.float64),
-        np.ascontiguousarray(directions, np.float64),
-        np.ascontiguousarray(np.broadcast_to(ends, n), np.float64),
-        np.ascontiguousarray(np.broadcast_to(skips, n), np.int64),
-    )
 
 
 def find_closest(scene, origins, directions, skips=-1):

@@ -5,16 +5,15 @@ import pytest
 from test_paths import adversarial
 from test_rays_coherent import answers
 
+from tests.numerics.closed_meshes import cube
 from tracer.rays import RayCaster
 from tracer.rays import caster as caster_module
 from tracer.rays.brute import trace_brute
-from tracer.rays.brute_table import FEW, tabulate
+from tracer.rays.brute_table import FEW
 from tracer.rays.caster import checked_rays
 from tracer.rays.single import trace_single
 
-CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-BOX = np.array([face for a, b, c, d in QUADS for face in ((a, b, c), (a, c, d))])
+CORNERS, BOX = cube()
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 
 
@@ -26,9 +25,8 @@ def room(dtype=np.float64):
 
 def assert_same(caster, rays, start=0, end=None):
     end = rays.n if end is None else end
-    table = tabulate(caster.bvh)
     alone = answers(trace_single, caster, rays, start, end)
-    found = answers(trace_brute, caster, rays, start, end, table.ctypes.data)
+    found = answers(trace_brute, caster, rays, start, end, caster.few_triangles.ctypes.data)
     for one, other in zip(alone, found, strict=True):
         np.testing.assert_array_equal(one, other)
     return alone

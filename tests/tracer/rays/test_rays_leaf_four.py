@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.numerics.closed_meshes import cube
 from tracer.rays import RayCaster
 from tracer.rays.caster import Hits, checked_rays
 from tracer.rays.leaf import ANY, CLOSEST, COUNT
@@ -49,9 +50,7 @@ def test_of_triangles_in_one_place_the_lowest_row_is_met_and_each_is_counted(n, 
 
 
 def test_rays_at_corners_and_edges_are_decided_exactly_beside_plain_ones():
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))])
+    signs, faces = cube()
     caster = RayCaster(signs, faces)
     rng = np.random.default_rng(5)
     edges = np.array([[a, b] for face in faces for a, b in zip(face, np.roll(face, 1), strict=True)])

@@ -339,6 +339,6 @@ def test_an_empty_tree():
 
 
 def test_the_axis_of_a_ray_decides_who_may_travel_together():
-    """The helper's own notion of an axis, which the wide packets rest on, by hand."""
+    """`axis_of`, by which these tests part rays into packets, by hand."""
     directions = np.array([[1, 0.5, -1], [1, -1, 0.5], [-1, 0.9, 0.9], [0.2, 0.3, 0.4], [-1, -1, -1]])
     assert axis_of(directions).tolist() == [5, 3, 1, 4, 5]

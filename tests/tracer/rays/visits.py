@@ -7,7 +7,7 @@ from tracer.jit import kernel
 from tracer.simd import address_of, load
 from tracer.simd.gateway import types
 
-_float32, _float64, _int32, _int64 = types.float32, types.float64, types.int32, types.int64
+_float32, _float64, _int32 = types.float32, types.float64, types.int32
 _PAD = 2.0**-21  # what packets and single rays give to a box's float32 test, in frame units
 
 
