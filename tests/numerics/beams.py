@@ -14,7 +14,8 @@ import numpy as np
 from tests.numerics.closed_meshes import by_brute_force
 from tests.tracer.rays.packets import axis_of, put_direction
 from tracer.jit import int64, kernel
-from tracer.rays.packet import CLOSEST, ENDING, NONE, PENCIL, SOLE, UNLIMITED, trace_packet
+from tracer.rays.leaf import CLOSEST
+from tracer.rays.packet import ENDING, NONE, PENCIL, SOLE, UNLIMITED, trace_packet
 from tracer.rays.rows import ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST, WEIGHT_2
 from tracer.simd import address_of, load, store
 from tracer.simd.gateway import types

@@ -5,7 +5,8 @@ import numpy as np
 from tests.tracer.rays.packets import put_direction
 from tracer.jit import int64, kernel
 from tracer.rays.bundle import trace_alone, trace_bundle
-from tracer.rays.packet import ANY, CLOSEST, UNLIMITED, trace_packet
+from tracer.rays.leaf import ANY, CLOSEST
+from tracer.rays.packet import UNLIMITED, trace_packet
 from tracer.rays.predicate import unit_of
 from tracer.rays.rows import AXIS, ORIGIN, PRIMITIVE, RAY_ROWS, ROW, SKIP, T_BEST
 from tracer.simd import address_of, count_trailing_zeros, load, store

@@ -185,9 +185,11 @@ MUTANTS = [
         "_EDGE: Final = 2.0**-44",
         "_EDGE: Final = -(2.0**-10)",
     ),
-    Mutant("brute-without-margin", "N2", "rays/brute.py", "_MARGIN: Final = 2.0**-13", "_MARGIN: Final = 2.0**-30"),
-    Mutant("brute-without-slack", "N2", "rays/brute.py", "_SLACK: Final = 2.0**-15", "_SLACK: Final = 2.0**-40"),
-    Mutant("brute-from-afar", "N2", "rays/brute.py", "_FAR: Final = 2.0 ", "_FAR: Final = 1e6 "),
+    Mutant(
+        "brute-without-margin", "N2", "rays/brute_sift.py", "_MARGIN: Final = 2.0**-13", "_MARGIN: Final = 2.0**-30"
+    ),
+    Mutant("brute-without-slack", "N2", "rays/brute_sift.py", "_SLACK: Final = 2.0**-15", "_SLACK: Final = 2.0**-40"),
+    Mutant("brute-from-afar", "N2", "rays/brute_sift.py", "_FAR: Final = 2.0 ", "_FAR: Final = 1e6 "),
     Mutant("any-quadrilateral", "N2", "rays/brute_table.py", "_SAME: Final = 2.0**-26", "_SAME: Final = 2.0**-2"),
     Mutant(
         "corners-of-other-pixels",
