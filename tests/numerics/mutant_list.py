@@ -137,6 +137,20 @@ MUTANTS = [
         "if False:",
     ),
     Mutant(
+        "squares-overflow",
+        "tests/tracer/rays/test_paths.py::test_any_power_of_two",
+        "rays/start.py",
+        "_SQUARES: Final = 2.0**60",
+        "_SQUARES: Final = 2.0**70",
+    ),
+    Mutant(
+        "cubes-overflow",
+        "tests/tracer/rays/test_paths.py::test_any_power_of_two",
+        "rays/start.py",
+        "_CUBES: Final = 2.0**38",
+        "_CUBES: Final = 2.0**50",
+    ),
+    Mutant(
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
         "tests/numerics/test_beams.py",
         "rays/packet.py",

@@ -117,8 +117,7 @@ _KIND_BITS: Final = 6
 _TINIEST: Final = 2.0**200  # of scales: beyond, CERTAIN's TINY counts
 _STACK_BYTES: Final = 8 * STACK_ENTRIES
 _NEAR_BYTES: Final = 32
-# What is counted as work
-_NODE: Final = 1
+_NODE: Final = 1  # of what is counted as work
 _LEAF: Final = 2
 _TRIANGLE: Final = 4
 _TRIES: Final = 4  # triangles at the beam's edge, from which it pays to look at each four rays apart
@@ -251,11 +250,8 @@ def trace_packet(
     far_row = 32 * kz + (0 if axis & 1 else NODE_HIGH)
     size = _int64(8 if load(_int64, base + 8 * HEADER_WIDE_LEAVES) else 4)
     stack = stack_memory(_STACK_BYTES)
-    near = stack_memory(_NEAR_BYTES)
-    found = stack_memory(FOUND_BYTES)
-    lines = stack_memory(GROUPS_BYTES)
-    boxes = stack_memory(BOXES_BYTES)
-    light = stack_memory(LIGHT_BYTES)
+    near, found, light = stack_memory(_NEAR_BYTES), stack_memory(FOUND_BYTES), stack_memory(LIGHT_BYTES)
+    lines, boxes = stack_memory(GROUPS_BYTES), stack_memory(BOXES_BYTES)
     tries, room = _int64(0), -1.0
     work = dimmed = nobody
     alive = groups_of(active)

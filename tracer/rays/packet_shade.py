@@ -1,6 +1,6 @@
 """Light of shadow rays behind a surface.
 
-What is left of a light is a product of up to many kt, in an order that depends on the way through the tree, and so on
+What triangles leave of a light is a product of up to many kt, in an order that depends on the way through the tree, and so on
 the company that a ray has. It is kept as the unevaluated sum of two float64, LIGHT and LIGHT_REST, off by some 2**-104
 a factor: rounded to LIGHT it is the same in every order, but for about one product in 2**50, that near the middle
 between two numbers.
@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tracer.jit import inline
 from tracer.rays.rows import LANES, LIGHT, LIGHT_REST, MASK, NIBBLE, ROW, STEP, VECTOR, VECTORS, mask_of, put
-from tracer.simd import load, mask_from_bits, mask_to_bits, splat, store
+from tracer.simd import load, mask_from_bits, mask_to_bits, minimum, select, splat, store
 from tracer.simd.gateway import types
 
 _float64: Final = types.float64
@@ -21,6 +21,7 @@ _int64: Final = types.int64
 _ROWS: Final = 6  # LIGHT and LIGHT_REST
 LIGHT_BYTES: Final = _ROWS * ROW
 _HALVES: Final = 2.0**27 + 1.0  # cuts a float64 in two (Veltkamp)
+_MOST: Final = 2.0**960  # light is no more than this: its halves stay finite
 
 
 @inline
@@ -58,13 +59,14 @@ def _halves(x: Any) -> Any:
 @inline
 def _multiply(at: int, mask: Any, factor: float) -> Any:
     """Multiply one channel of four rays, where the mask says; returns the products, rounded."""
-    k = splat(VECTOR, factor)
+    k, most = splat(VECTOR, factor), splat(VECTOR, _MOST)
     light = load(VECTOR, at)
-    product = light * k
+    product = minimum(light * k, most)
     a, b = _halves(light)
     c, d = _halves(k)
     error = ((a * c - product) + a * d + b * c) + b * d
     error = error + load(VECTOR, at + (LIGHT_REST - LIGHT)) * k
+    error = select(product < most, error, splat(VECTOR, 0.0))
     rounded = product + error
     put(at, mask, rounded)
     put(at + (LIGHT_REST - LIGHT), mask, error - (rounded - product))

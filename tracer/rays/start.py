@@ -46,6 +46,9 @@ _LEAST_D: Final = 1e-18  # smaller direction components count as this: over the 
 _WELL: Final = 2.0**-20  # frame time that a well-shaped triangle's t can be off: 6 * 2**-24, and room
 COARSE_ROUNDING: Final = 2.0**-20  # of the largest coordinate: 16 * 2**-24; see tracer.rays.leaf
 COARSE_LEAST: Final = 1e-18  # its square is above what float32 products lose to underflow
+# Coordinates up to which the sieve's products of two and of three lengths stay finite; see tracer.rays.leaf
+_SQUARES: Final = 2.0**60
+_CUBES: Final = 2.0**38
 _FINITE: Final = 1.7976931348623157e308
 _INF: Final = float("inf")
 
@@ -270,7 +273,7 @@ def fill_states(
     _store_rows(states, s.P_FAR, far_x, far_y, far_z, f_best)
     coarse = convert(_float32, sheared_x), convert(_float32, sheared_y), convert(_float32, sheared_z)
     size = maximum(maximum(absolute(coarse[0]), absolute(coarse[1])), maximum(absolute(coarse[2]), _f32(reach)))
-    error = size * _f32(COARSE_ROUNDING) + _f32(COARSE_LEAST)
+    error = select(size < _f32(_SQUARES), size * _f32(COARSE_ROUNDING) + _f32(COARSE_LEAST), _f32(_INF))
     _store_rows(states, s.COARSE_ORIGIN, coarse[0], coarse[1], coarse[2], error)
     sign = select(major < zero, one, -one)
     nearest = convert(_float32, t_min * absolute(major))
@@ -283,7 +286,8 @@ def fill_states(
         error * _f32(5.0),
     )
     skip32 = from_bits(convert(_int32, skip))
-    _store_rows(states, s.COARSE_ENTRY, -nearest, nearest * _f32(3.0), skip32, skip32)
+    thrice = select(size < _f32(_CUBES), nearest * _f32(3.0), _f32(_INF))
+    _store_rows(states, s.COARSE_ENTRY, -nearest, thrice, skip32, skip32)
 
 
 @inline

@@ -196,3 +196,34 @@ def test_listed_rays():
     for one, other in zip(plain[:4], hits, strict=True):
         np.testing.assert_array_equal(one[listed[3:]], other[listed[3:]])
         assert (np.delete(other, listed[3:]) == -7).all()
+
+
+@pytest.mark.parametrize("mesh", ["tetrahedron", "bumpy"])
+def test_any_power_of_two(mesh):
+    """Lengths times 2^k change no bit of an answer, wherever float32 overflows or underflows on the way."""
+    if mesh == "bumpy":
+        vertices, faces = bumpy(16)
+    else:
+        vertices = np.array([[9.0, 0.0, -1.0], [-5.0, 8.0, -1.0], [-5.0, -8.0, -1.0], [0.0, 0.0, 9.0]])
+        faces = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    rng = np.random.default_rng(49)
+    n = 500
+    origins, directions = 0.1 * rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    nearest = np.where(rng.random(n) < 0.5, 0.0, rng.uniform(0.0, 12.0, n))
+    few = slice(0, 50)  # too few for other paths than the stream
+
+    def ask(k):
+        caster = RayCaster(vertices * 2.0**k, faces)
+        o, tmin = origins * 2.0**k, nearest * 2.0**k
+        found = caster.count_hits(o, directions, tmin=tmin), caster.count_hits(o, directions)
+        for part in (slice(None), few):
+            hits = caster.closest_hit(o[part], directions[part], tmin=tmin[part])
+            found += hits.t * 2.0**-k, hits.primitive, hits.u, hits.v
+            found += (caster.any_hit(o[part], directions[part], tmin=tmin[part]),)
+        return found
+
+    plain = ask(0)
+    assert (plain[1] % 2 == 1).all()
+    for k in range(-100, 101):
+        for one, other in zip(plain, ask(k), strict=True):
+            np.testing.assert_array_equal(one, other, err_msg=f"2^{k}")

@@ -277,6 +277,22 @@ def test_light_through_many_surfaces_is_the_same_in_any_order():
             np.testing.assert_array_equal(found.light, exact)
 
 
+def test_light_beyond_float64_is_no_nan():
+    """Sixty panes that multiply by a million: the light stops growing, and the next black pane ends it."""
+    pane = np.array([[-1.0, -1.0, 0.0], [3.0, -1.0, 0.0], [-1.0, 3.0, 0.0]])
+    vertices = np.concatenate([pane + [0.0, 0.0, 0.1 * k] for k in range(60)])
+    faces = np.arange(180).reshape(-1, 3)
+    tree = tree_of(vertices, faces)
+    origins, directions = np.full((16, 3), [0.1, 0.2, -1.0]), np.full((16, 3), [0.0, 0.01, 1.0])
+    kt = np.full((60, 3), 1e6)
+    for way in WAYS:
+        light = follow(tree, origins, directions, mode="shade", kt=kt, way=way).light
+        assert np.isfinite(light).all()
+        assert (light > 1e280).all()
+        kt_black = np.where(np.arange(60)[:, None] == 59, 0.0, kt)
+        assert follow(tree, origins, directions, mode="shade", kt=kt_black, way=way).ended.all()
+
+
 def test_a_shadow_rays_length_is_its_own():
     """Directions that reach to a light, of lengths 1e-3 to 1e3 in one packet, ending at 1."""
     vertices, faces = sphere(12, 12)
