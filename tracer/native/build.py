@@ -36,6 +36,8 @@ _words: Final = ir.PointerType(_word)
 _status: Final = ir.IntType(32)
 _LARGEST: Final = "tracer.render.blocks.render_blocks"
 """What takes three quarters of the time: compiled in one process, all others in a second one meanwhile."""
+_BY_DOOR: Final = "tracer.rays.bundle.trace_alone"
+"""What it calls but does not compile: the second process does."""
 
 # The layout of numba's MemInfo (numba/core/runtime/nrt.cpp): reference count, destructor, its argument, data, size,
 # allocator. 64 bytes, so that data of any alignment up to that follows.
@@ -194,6 +196,25 @@ def _target_machine(codegen: Any) -> Any:
     )
 
 
+def _call_by_door(name: str) -> None:
+    """Replace a kernel of integers by one that calls its door, for all that is compiled from now on."""
+    simd, jit = import_module("tracer.simd"), import_module("tracer.jit")
+    stack_memory, store, load, int64 = simd.stack_memory, simd.store, simd.load, _types.int64
+    door = _types.ExternalFunction(door_name(name), _types.int32(_types.int64))
+    n_words = len(ENTRIES[name])
+    n_bytes = 8 * n_words
+
+    def call(*arguments: int) -> Any:
+        words = stack_memory(n_bytes)
+        for k in range(n_words):
+            store(words + 8 * k, arguments[k])
+        door(words)
+        return load(int64, words)
+
+    module, _, kernel = name.rpartition(".")
+    setattr(import_module(module), kernel, jit.kernel(call))
+
+
 def compile_entries() -> list[Any]:
     """Compile all entries, or load them from numba's cache."""
     return [compile_kernel(name, kinds) for name, kinds in ENTRIES.items()]
@@ -201,6 +222,8 @@ def compile_entries() -> list[Any]:
 
 def _compile_part(names: list[str]) -> tuple[bytes, dict[str, Any]]:
     """Compile entries into one optimised LLVM module; returns its bitcode and the entries' index."""
+    if _LARGEST in names:
+        _call_by_door(_BY_DOOR)
     with for_linking():
         compiled = [compile_kernel(name, ENTRIES[name]) for name in names]
     context = compiled[0].target_context

@@ -97,9 +97,10 @@ class RayCaster:
     """Closest hits, any hits and crossings of rays with a triangle mesh.
 
     A closed mesh loses no ray and counts none twice, wherever the ray goes and however large or far away the mesh is:
-    on which side of an edge a ray's line passes is decided exactly, once coordinates are rounded to where the ray is the
-    axis (:mod:`tracer.rays.predicate`), and alike for the neighbours that share the edge. t is rounded (there, too, by how much): a ray that starts on a triangle, or within that of it, may meet it at
-    a t next to 0. Where that matters, give a ``tmin``.
+    on which side of an edge a ray's line passes is decided exactly, once coordinates are rounded into a frame in which
+    the ray is an axis (:mod:`tracer.rays.predicate`), and alike for all who share the edge. t is rounded (there, too,
+    by how much): a ray that starts on a triangle, or within that of it, may meet it at a t next to 0. Where it matters,
+    give a ``tmin``.
     Of equally near triangles the lowest row of ``faces`` is returned. Results do not depend on the order of the rays,
     on what else is in the batch, or on the number of threads. Speed does: rays in the order of a picture's rows, and
     others of which neighbours in the batch go much the same way, are several times as fast as shuffled ones.

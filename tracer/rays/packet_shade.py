@@ -1,18 +1,18 @@
 """Light of shadow rays behind a surface.
 
-What triangles leave of a light is a product of up to many kt, in an order that depends on the way through the tree, and so on
-the company that a ray has. It is kept as the unevaluated sum of two float64, LIGHT and LIGHT_REST, off by some 2**-104
-a factor: rounded to LIGHT it is the same in every order, but for about one product in 2**50, that near the middle
-between two numbers.
+What triangles leave of a light is a product of up to many kt, in an order that depends on the way through the tree,
+and so on the company that a ray has. It is kept as the unevaluated sum of two float64, LIGHT and LIGHT_REST, off by
+some 2**-104 a factor: rounded to LIGHT it is the same in every order, but for about one product in 2**50, that near the
+middle between two numbers.
 
 Sources: Dekker 1971 (products of two float64 without error); Joldes, Muller and Popescu 2017, algorithm 9.
 """
 
 from typing import Any, Final
 
-from tracer.jit import inline
+from tracer.jit import inline, kernel
 from tracer.rays.rows import LANES, LIGHT, LIGHT_REST, MASK, NIBBLE, ROW, STEP, VECTOR, VECTORS, mask_of, put
-from tracer.simd import load, mask_from_bits, mask_to_bits, minimum, select, splat, store
+from tracer.simd import load, mask_from_bits, mask_to_bits, minimum, select, splat, stand_alone, store
 from tracer.simd.gateway import types
 
 _float64: Final = types.float64
@@ -31,16 +31,18 @@ def lets_nothing_through(material: int) -> bool:
     return bool(red <= 0.0 and green <= 0.0 and blue <= 0.0)
 
 
-@inline
+@kernel
 def keep_light(packet: int, kept: int) -> None:
     """Copy the light of all rays to an address."""
+    stand_alone()
     for at in range(0, LIGHT_BYTES, STEP):
         store(kept + at, load(VECTOR, packet + LIGHT + at))
 
 
-@inline
+@kernel
 def restore_light(packet: int, kept: int, lanes: int) -> None:
     """Give some rays the light back that `keep_light` has copied."""
+    stand_alone()
     for i in range(VECTORS):
         mask = mask_of(lanes, i)
         for row in range(_ROWS):
@@ -73,9 +75,10 @@ def _multiply(at: int, mask: Any, factor: float) -> Any:
     return rounded
 
 
-@inline
+@kernel
 def dim_four(four: int, bits: int, material: int) -> Any:
     """Multiply the light of rays of a vector, at an address, by a material's kt; returns those left in the dark."""
+    stand_alone()
     mask = mask_from_bits(MASK, bits)
     zero = splat(VECTOR, 0.0)
     red = _multiply(four + LIGHT, mask, load(_float64, material))

@@ -280,7 +280,7 @@ def test_light_through_many_surfaces_is_the_same_in_any_order():
 def test_light_beyond_float64_is_no_nan():
     """Sixty panes that multiply by a million: the light stops growing, and the next black pane ends it."""
     pane = np.array([[-1.0, -1.0, 0.0], [3.0, -1.0, 0.0], [-1.0, 3.0, 0.0]])
-    vertices = np.concatenate([pane + [0.0, 0.0, 0.1 * k] for k in range(60)])
+    vertices = np.concatenate([pane + np.array([0.0, 0.0, 0.1 * k]) for k in range(60)])
     faces = np.arange(180).reshape(-1, 3)
     tree = tree_of(vertices, faces)
     origins, directions = np.full((16, 3), [0.1, 0.2, -1.0]), np.full((16, 3), [0.0, 0.01, 1.0])
