@@ -151,6 +151,13 @@ MUTANTS = [
         "_CUBES: Final = 2.0**50",
     ),
     Mutant(
+        "cubes-vanish",
+        "tests/tracer/rays/test_paths.py::test_any_power_of_two",
+        "rays/start.py",
+        "_LEAST_CUBES: Final = 2.0**-22",
+        "_LEAST_CUBES: Final = 2.0**-60",
+    ),
+    Mutant(
         "sole-whatever-its-edges",  # a triangle that ends within the beam speaks for all of it
         "tests/numerics/test_beams.py",
         "rays/packet.py",

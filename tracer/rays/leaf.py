@@ -85,7 +85,9 @@ def sift_leaf(wide: int, leaf: int, n: int, state: int) -> Any:
     Nothing may overflow unseen. An x or y is below 4 Q, an edge function below 2**5 Q**2, their sum below 2**7 Q**2:
     all finite for Q < 2**60, beyond which D is infinite and nothing is sifted out (:mod:`tracer.rays.start`). Products
     with z or with tmin |d.kz| up to 2**4 Q are finite for Q < 2**38, beyond which COARSE_ENTRY_3 is infinite and
-    nothing is before tmin; a greater tmin |d.kz| outweighs every z, so an infinite sum has its sign.
+    nothing is before tmin; a greater tmin |d.kz| outweighs every z, so an infinite sum has its sign. Nor may it vanish:
+    the slack is at least 100 D**3, for Q > 2**-22 more than 2**-120, which no rounding of denormals comes near; for
+    smaller ones, too, nothing is before tmin.
     """
     row = n << (2 + wide)
     shear_x, shear_y = _coarse(state + s.COARSE_SHEAR), _coarse(state + s.COARSE_SHEAR + 4)

@@ -46,9 +46,10 @@ _LEAST_D: Final = 1e-18  # smaller direction components count as this: over the 
 _WELL: Final = 2.0**-20  # frame time that a well-shaped triangle's t can be off: 6 * 2**-24, and room
 COARSE_ROUNDING: Final = 2.0**-20  # of the largest coordinate: 16 * 2**-24; see tracer.rays.leaf
 COARSE_LEAST: Final = 1e-18  # its square is above what float32 products lose to underflow
-# Coordinates up to which the sieve's products of two and of three lengths stay finite; see tracer.rays.leaf
+# Coordinates for which the sieve's products of two lengths, and of three, neither overflow nor vanish: tracer.rays.leaf
 _SQUARES: Final = 2.0**60
 _CUBES: Final = 2.0**38
+_LEAST_CUBES: Final = 2.0**-22
 _FINITE: Final = 1.7976931348623157e308
 _INF: Final = float("inf")
 
@@ -286,7 +287,7 @@ def fill_states(
         error * _f32(5.0),
     )
     skip32 = from_bits(convert(_int32, skip))
-    thrice = select(size < _f32(_CUBES), nearest * _f32(3.0), _f32(_INF))
+    thrice = select((size < _f32(_CUBES)) & (size > _f32(_LEAST_CUBES)), nearest * _f32(3.0), _f32(_INF))
     _store_rows(states, s.COARSE_ENTRY, -nearest, thrice, skip32, skip32)
 
 

@@ -223,7 +223,7 @@ def test_any_power_of_two(mesh):
         return found
 
     plain = ask(0)
-    assert (plain[1] % 2 == 1).all()
+    assert (plain[1] > 0).all()
     for k in range(-100, 101):
         for one, other in zip(plain, ask(k), strict=True):
             np.testing.assert_array_equal(one, other, err_msg=f"2^{k}")
