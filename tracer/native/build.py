@@ -36,8 +36,8 @@ _words: Final = ir.PointerType(_word)
 _status: Final = ir.IntType(32)
 _LARGEST: Final = "tracer.render.blocks.render_blocks"
 """What takes three quarters of the time: compiled in one process, all others in a second one meanwhile."""
-_BY_DOOR: Final = "tracer.rays.bundle.trace_alone"
-"""What it calls but does not compile: the second process does."""
+_BY_DOOR: Final = {"tracer.rays.packet.trace_packet": 2, "tracer.rays.bundle.trace_alone": 1}
+"""Kernels that it calls but does not compile, the second process does; and how many integers they return."""
 
 # The layout of numba's MemInfo (numba/core/runtime/nrt.cpp): reference count, destructor, its argument, data, size,
 # allocator. 64 bytes, so that data of any alignment up to that follows.
@@ -196,7 +196,7 @@ def _target_machine(codegen: Any) -> Any:
     )
 
 
-def _call_by_door(name: str) -> None:
+def _call_by_door(name: str, n_results: int) -> None:
     """Replace a kernel of integers by one that calls its door, for all that is compiled from now on."""
     simd, jit = import_module("tracer.simd"), import_module("tracer.jit")
     stack_memory, store, load, int64 = simd.stack_memory, simd.store, simd.load, _types.int64
@@ -204,15 +204,26 @@ def _call_by_door(name: str) -> None:
     n_words = len(ENTRIES[name])
     n_bytes = 8 * n_words
 
-    def call(*arguments: int) -> Any:
+    @jit.inline
+    def knock(arguments: Any) -> Any:
         words = stack_memory(n_bytes)
         for k in range(n_words):
             store(words + 8 * k, arguments[k])
         door(words)
-        return load(int64, words)
+        return words
 
-    module, _, kernel = name.rpartition(".")
-    setattr(import_module(module), kernel, jit.kernel(call))
+    def call(*arguments: int) -> Any:
+        return load(int64, knock(arguments))
+
+    def call_for_two(*arguments: int) -> Any:
+        words = knock(arguments)
+        return load(int64, words), load(int64, words + 8)
+
+    kernel = numba_kernel(name)
+    instead = jit.kernel(call if n_results == 1 else call_for_two)
+    for module in [module for path, module in sys.modules.items() if path.startswith("tracer.")]:
+        for attribute in [key for key, value in vars(module).items() if value is kernel]:
+            setattr(module, attribute, instead)
 
 
 def compile_entries() -> list[Any]:
@@ -223,7 +234,9 @@ def compile_entries() -> list[Any]:
 def _compile_part(names: list[str]) -> tuple[bytes, dict[str, Any]]:
     """Compile entries into one optimised LLVM module; returns its bitcode and the entries' index."""
     if _LARGEST in names:
-        _call_by_door(_BY_DOOR)
+        numba_kernel(_LARGEST)  # brings the modules that call them
+        for name, n_results in _BY_DOOR.items():
+            _call_by_door(name, n_results)
     with for_linking():
         compiled = [compile_kernel(name, ENTRIES[name]) for name in names]
     context = compiled[0].target_context

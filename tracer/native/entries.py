@@ -40,7 +40,9 @@ ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "tracer.render.inside.measure_ball": ("f8:2", "i4:2", "f8:1", "f8:1", "f8:1"),
     "tracer.render.contrast.measure_contrast": ("f8:5", "i4:2", "i", "i", "i", "f8:1"),
     "tracer.render.contrast.scale_sums": ("f8:5", "i8:1", "d"),
-    "tracer.rays.bundle.trace_alone": ("i", "i", "i", "i", "i", "i", "i"),  # for another entry alone: see `build`
+    # for another entry alone: see `build`
+    "tracer.rays.packet.trace_packet": ("i", "i", "i", "i", "i", "i", "i", "i"),
+    "tracer.rays.bundle.trace_alone": ("i", "i", "i", "i", "i", "i", "i"),
     "tracer.render.blocks.render_blocks": ("scene", "i4:2", "i", "i", "i8:1", "f8:5", "i8:1"),
 }
 
